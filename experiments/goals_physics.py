@@ -482,8 +482,8 @@ def fly_singularity(strategy: Strategy, duration_s: float, loops: Loops) -> Flow
     controller = ArmController(model, np.cross(now, then - now), strategy)
     # The tracker measures the error itself: its reference is zero.
     still = np.zeros((len(time_s), len(POINTING)))
-    run = run_loop(bench, controller, still, keeps=attrgetter("begun_rad", "J_T"))
-    begun_rad, J_T = map(np.array, zip(*run.kept, strict=True))
+    run = run_loop(bench, controller, still, log=attrgetter("begun_rad", "J_T"))
+    begun_rad, J_T = map(np.array, zip(*run.logged, strict=True))
     singular_values = np.linalg.svd(J_T[:, POINTING][:, :, working], compute_uv=False)
     off = np.cross(bench.rotation[:, :, 2], now)
     return Flown(

@@ -1,4 +1,4 @@
-"""Fault-tolerant control of any mechanism."""
+"""Fault-tolerant control of any mechanism: loops, diagnosis, reconfiguration."""
 
 from argument_checks import __version__ as __version__
 from ftc.control.compensator import LoopShape as LoopShape

@@ -1,6 +1,6 @@
-"""The controller of Fig. 3: one compensator for each major channel, then the mapping.
+"""Controller of Fig. 3: one compensator for each major channel, then the mapping.
 
-And a controller to which a failure is known beforehand.
+It also has a controller to which the time of a failure is known (an oracle).
 """
 
 from collections.abc import Callable, Sequence
@@ -21,9 +21,9 @@ from ftc.control.mapping import PreviousCommand, PrioritizedMapping
 
 @dataclass(frozen=True)
 class Measurement:
-    """Measurements at one tick: the major task (m1,), and displacements (n,) of the actuators.
+    """Measurements at one tick: the major task (m1,) and the actuator displacements (n,).
 
-    The latter where they have sensors.
+    The displacements are used only if the actuators have sensors.
     """
 
     output: Array
@@ -31,31 +31,31 @@ class Measurement:
 
 
 class Converter(Protocol):
-    """Conversion between actuator displacements and inputs of the drives."""
+    """Protocol for the conversion between actuator displacements and drive inputs."""
 
     def inputs(self, displacements: Array, /) -> Array:
-        """Inputs of the drives, shape (n,)."""
+        """Return the drive inputs (n,) for displacements (n,)."""
         ...
 
     def displacements(self, inputs: Array, /) -> Array:
-        """Displacements at which the actuators hold, shape (n,)."""
+        """Return the displacements (n,) at which the actuators settle for inputs (n,)."""
         ...
 
 
 class DirectDrive:
-    """Drives that take displacements as they are, such as position servos."""
+    """Drives whose inputs are the displacements, such as position servos."""
 
     def inputs(self, displacements: Array) -> Array:
-        """The displacements themselves, as another array: who sends inputs may change them."""
+        """Return a copy of the displacements, so that a sender may change the inputs."""
         return displacements.copy()
 
     def displacements(self, inputs: Array) -> Array:
-        """The inputs themselves."""
+        """Return the inputs themselves."""
         return inputs
 
 
 def checked_drives(drives: Converter, actuators: int) -> Any:
-    """Check that drives convert the displacements of so many actuators at rest."""
+    """Check that drives convert the zero displacements of n actuators, and return them."""
     check.attributes("drives", drives, "inputs", "displacements")
     still = check.array("drives.inputs(0)", drives.inputs(np.zeros(actuators)), actuators)
     check.array("drives.displacements", drives.displacements(still), actuators)
@@ -64,32 +64,32 @@ def checked_drives(drives: Converter, actuators: int) -> Any:
 
 @dataclass(frozen=True)
 class BumplessTransfer:
-    """Offsets that remain after a change of the mapping: (m1,) of the task, (n,) of actuators.
+    """Offsets after a change of the mapping: (m1,) of the task and (n,) of the actuators.
 
-    The compensators are left alone. What the surviving actuators stand off from the new mapping's
-    own answer is split: the part that moves the major task becomes a constant, which relieves the
-    integrators; the rest is secondary motion, and fades out. An actuator that is taken out of use
-    loses its command slowly: if it should have been sound, or works again, nothing jumps. One that
-    stands keeps it, and one that the others take along is commanded where they take it.
+    The compensators are unchanged. The difference between the actual displacements of the surviving
+    actuators and those of the new mapping is split: its effect on the major task becomes a constant
+    offset, which relieves the integrators; the secondary rest fades out. The command of an actuator
+    that goes out of use fades, too, so that nothing jumps if it is healthy or works again; a locked
+    one keeps its command, and a free one is commanded to where the others move it.
 
     Attributes:
-        demand: Added for good to what the compensators demand of the major task.
-        secondary_reference: Secondary displacement in which the old mapping left the actuators.
-        kept: Commands of actuators out of use that they keep.
-        left: Commands that fade with the rest, beside where the others take the actuators.
-        carried: Major task that these still cause: the others take it over.
-        age_s: Since the transfer.
+        demand: Constant offset of the demanded major task.
+        secondary_reference: Secondary displacement of the actuators under the old mapping.
+        retained: Constant commands of actuators out of use.
+        fading: Fading commands, relative to where the others move the actuators.
+        fading_task: Major task caused by the fading commands, which the others take over.
+        age_s: Time since the transfer [s].
     """
 
     demand: Array
     secondary_reference: Array
-    kept: Array
-    left: Array
-    carried: Array
+    retained: Array
+    fading: Array
+    fading_task: Array
     age_s: float = 0.0
 
     def part(self, fade_s: float) -> float:
-        """Of what fades, the part that is left: half a cosine over `fade_s`."""
+        """Return the remaining fraction of the fading parts: half a cosine over `fade_s`."""
         return 0.5 * (1 + cos(pi * self.age_s / fade_s)) if self.age_s < fade_s else 0.0
 
 
@@ -98,24 +98,24 @@ class ControllerState(Generic[Pose]):
     """State of the controller between ticks.
 
     Attributes:
-        compensator: States of all compensators, one after the other.
-        inputs: Last sent to the drives, shape (n,).
-        pose: Estimated from these.
-        asked: Last demanded of the mapping, and its answer.
-        bumpless_transfer: From the mapping before; None where there was none.
+        compensator: Concatenated states of all compensators.
+        inputs: Inputs last sent to the drives, shape (n,).
+        pose: Pose estimated from the inputs.
+        previous_command: Last demand of the mapping and its result.
+        bumpless_transfer: Offsets from the previous mapping; None if there was none.
     """
 
     compensator: Array
     inputs: Array
     pose: Pose
-    asked: PreviousCommand
+    previous_command: PreviousCommand
     bumpless_transfer: BumplessTransfer | None = None
 
 
 class PrioritizedController(Generic[Pose]):
-    """Controller from measurements to inputs of the drives, without access to the plant.
+    """Controller from measurements to drive inputs, without access to the plant.
 
-    `step` is a pure function: the state goes in and comes out.
+    `step` is a pure function of the state.
     """
 
     def __init__(
@@ -130,19 +130,19 @@ class PrioritizedController(Generic[Pose]):
         tracking_slowness: float = 1.0,
         reference_feedforward: bool = False,
     ) -> None:
-        """Take the compensators, one for each major row, all of one period, and what follows them.
+        """Combine compensators, one for each major row and all of one period, with a mapping.
 
         Args:
-            loops: From errors of the major rows to demands.
-            mapping: From these to displacements.
-            drives: From displacements to inputs of as many actuators.
-            handover_s: Time in which the secondary motion of a former mapping fades out.
+            loops: Compensators from errors of the major rows to demands.
+            mapping: Mapping from demands to displacements.
+            drives: Conversion from displacements to inputs of as many actuators.
+            handover_s: Time in which the secondary motion of a previous mapping fades out [s].
             demand_limit: Largest output of each compensator.
-            anti_windup: Whether compensators are held at that limit, and observe the major task
-                that is achieved where the mapping has limits (:mod:`ftc.control.anti_windup`).
-            tracking_slowness: Of this, as of :func:`ftc.control.anti_windup.tracking_gain`.
-            reference_feedforward: Whether the reference itself is demanded where no other
-                feedforward is known, and the compensators add what is missing.
+            anti_windup: Whether compensators are held at that limit, and use back-calculation if
+                the mapping has limits (:mod:`ftc.control.anti_windup`).
+            tracking_slowness: Slowness of :func:`ftc.control.anti_windup.tracking_gain`.
+            reference_feedforward: Whether the reference is the feedforward of steps without
+                another one.
         """
         check.instance("mapping", mapping, PrioritizedMapping)
         self.mapping = mapping
@@ -152,7 +152,7 @@ class PrioritizedController(Generic[Pose]):
         self.demand_limit = inf if unlimited else check.number("demand_limit", demand_limit, 0.0)
         self.anti_windup = check.flag("anti_windup", anti_windup)
         self.reference_feedforward = check.flag("reference_feedforward", reference_feedforward)
-        self._m1 = len(mapping.nothing().demand)
+        self._m1 = len(mapping.initial_command().demand)
         channels("loops", loops, self._m1)
         self.period_s = loops[0].dt
         self._compensators = Compensators(loops)
@@ -166,9 +166,9 @@ class PrioritizedController(Generic[Pose]):
         self._effectiveness[list(weakened)] = list(weakened.values())
 
     def start(self) -> ControllerState[Pose]:
-        """State at rest at the nominal pose."""
+        """Return the state at rest at the nominal pose."""
         still = np.zeros(self._compensators.order), np.zeros(self.mapping.actuators)
-        return ControllerState(*still, self.mapping.nominal, self.mapping.nothing())
+        return ControllerState(*still, self.mapping.nominal, self.mapping.initial_command())
 
     def step(
         self,
@@ -180,18 +180,18 @@ class PrioritizedController(Generic[Pose]):
         feedforward: Array | None = None,
         unused_reference: Array | None = None,
     ) -> ControllerState[Pose]:
-        """One control tick; the new state holds the inputs to send.
+        """Advance by one control tick; the new state has the inputs to send.
 
         Args:
-            state: From the tick before.
+            state: State after the previous tick.
             reference: Reference of the major task, shape (m1,).
-            measurement: Only the major task is used, which must be measured.
+            measurement: Measurement, of which only the major task is used and required.
             secondary_reference: Reference of the secondary goal, displacements of the actuators,
                 shape (n,); None is zero.
-            feedforward: Added to what the compensators demand, shape (m1,); None is the reference
-                with `reference_feedforward`, else zero.
-            unused_reference: Displacements that actuators out of use are commanded after a
-                transfer, shape (n,), beside what they keep; None is zero.
+            feedforward: Demand added to that of the compensators, shape (m1,); None is the
+                reference with `reference_feedforward`, else zero.
+            unused_reference: Displacements added to the commands of actuators out of use after a
+                transfer, shape (n,); None is zero.
         """
         check.instance("state", state, ControllerState)
         reference = check.array("reference", reference, self._m1)
@@ -209,97 +209,98 @@ class PrioritizedController(Generic[Pose]):
         if self.demand_limit == inf:
             compensator, demand = self._compensators.step(state.compensator, error)
         else:
-            held = self.demand_limit, self.anti_windup
-            compensator, demand = self._compensators.limited(state.compensator, error, *held)
+            limits = self.demand_limit, self.anti_windup
+            compensator, demand = self._compensators.limited(state.compensator, error, *limits)
         if feedforward is not None:
             demand = feedforward + demand
-        if (owed := state.bumpless_transfer) is not None:
-            part = owed.part(self.handover_s)
-            demand = owed.demand - part * owed.carried + demand
-            secondary_reference = part * owed.secondary_reference + secondary_reference
+        if (transfer := state.bumpless_transfer) is not None:
+            part = transfer.part(self.handover_s)
+            demand = transfer.demand - part * transfer.fading_task + demand
+            secondary_reference = part * transfer.secondary_reference + secondary_reference
         required, residual = self.mapping.tick(
-            demand, pose, commanded, state.asked, secondary_reference
+            demand, pose, commanded, state.previous_command, secondary_reference
         )
         if self._tracking is not None and residual is not None:
             compensator = compensator - self._tracking.dot(residual)
-        asked = PreviousCommand(demand, required, secondary_reference)
-        if owed is not None:
-            alone = owed.kept + owed.part(self.handover_s) * owed.left
-            alone = alone + self.mapping.followed(required) + self._unused * unused_reference
-            required = required + alone
-            owed = replace(owed, age_s=owed.age_s + self.period_s)
+        command = PreviousCommand(demand, required, secondary_reference)
+        if transfer is not None:
+            unused = transfer.retained + transfer.part(self.handover_s) * transfer.fading
+            unused = unused + self.mapping.followed(required) + self._unused * unused_reference
+            required = required + unused
+            transfer = replace(transfer, age_s=transfer.age_s + self.period_s)
         if self.mapping.goal.effectiveness:
             required = required / self._effectiveness
-        return ControllerState(compensator, self.drives.inputs(required), pose, asked, owed)
+        return ControllerState(compensator, self.drives.inputs(required), pose, command, transfer)
 
     def transfer(
         self,
         state: ControllerState[Pose],
         lost_displacements: Array | None = None,
         acting: Array | None = None,
-        keeps: Array | None = None,
+        retained: Array | None = None,
         *,
         unused_reference: Array | None = None,
     ) -> ControllerState[Pose]:
-        """The state of another controller, changed so that this one continues without a step.
+        """Return the state with which this controller continues another one without a step.
 
         Args:
-            state: Of the other controller.
-            lost_displacements: What each actuator is about to lose of its displacement, shape
-                (n,), because it no longer holds it. The others step, to make up for its part in the
-                major task; None is nothing.
-            acting: Part of its command that each actuator still follows once it is out of use,
-                shape (n,); None is nothing.
-            keeps: Which actuators keep their last commands if they are out of use, 0 or 1 each,
-                shape (n,); those of the rest fade in `handover_s`, and the others take over what
-                they did. None: they all fade.
-            unused_reference: As the next step is given it: actuators out of use go on with it.
+            state: State of the other controller.
+            lost_displacements: Displacement that each actuator is about to lose, shape (n,). The
+                others step to compensate its effect on the major task; None is zero.
+            acting: Fraction of its command that each actuator still follows when out of use, shape
+                (n,); None is zero.
+            retained: 1 for actuators that keep their last command when out of use, else 0, shape
+                (n,). The other commands fade in `handover_s`, and their effect on the major task is
+                taken over. None: all fade.
+            unused_reference: Value that the next step will get, so that its motion continues.
         """
-        mapping, asked = self.mapping, check.instance("state", state, ControllerState).asked
+        last = check.instance("state", state, ControllerState).previous_command
+        mapping, acting = self.mapping, self._of_actuators("acting", acting)
+        retained = self._of_actuators("retained", retained)
         lost = self._of_actuators("lost_displacements", lost_displacements)
-        acting, keeps = self._of_actuators("acting", acting), self._of_actuators("keeps", keeps)
-        beside = self._of_actuators("unused_reference", unused_reference)
+        test_command = self._of_actuators("unused_reference", unused_reference)
         commanded = self._commanded(state)
         pose = mapping.estimate(commanded, state.pose)
-        own = mapping.displacements(asked.demand, pose, commanded, asked, asked.secondary_reference)
-        demand, secondary_reference, internal = mapping.split(commanded - own, pose)
-        alone = np.where(mapping.unused, commanded - beside - mapping.followed(commanded), 0.0)
-        left = (1 - keeps) * alone
-        carried = mapping.major_motion(acting * left, pose)
-        demand = demand + carried + mapping.major_motion(lost, pose)
-        if (owed := state.bumpless_transfer) is not None:
-            # What it keeps and leaves is in the commands, hence in these parts of them.
-            part = owed.part(self.handover_s)
-            demand = owed.demand - part * owed.carried + demand
-            secondary_reference = part * owed.secondary_reference + secondary_reference
-        parts = demand, secondary_reference, keeps * alone, left + internal, carried
+        target = mapping.displacements(last.demand, pose, commanded, last, last.secondary_reference)
+        demand, secondary_reference, internal = mapping.split(commanded - target, pose)
+        unused = commanded - test_command - mapping.followed(commanded)
+        unused = np.where(mapping.unused, unused, 0.0)
+        fading = (1 - retained) * unused
+        fading_task = mapping.major_motion(acting * fading, pose)
+        demand = demand + fading_task + mapping.major_motion(lost, pose)
+        if (transfer := state.bumpless_transfer) is not None:
+            # Its retained and fading commands are contained in `commanded`.
+            part = transfer.part(self.handover_s)
+            demand = transfer.demand - part * transfer.fading_task + demand
+            secondary_reference = part * transfer.secondary_reference + secondary_reference
+        parts = demand, secondary_reference, retained * unused, fading + internal, fading_task
         return replace(state, bumpless_transfer=BumplessTransfer(*parts))
 
     def _commanded(self, state: ControllerState[Pose]) -> Array:
-        """Displacements that the actuators hold at the inputs last sent, shape (n,)."""
+        """Return the displacements (n,) that the actuators hold at the inputs last sent."""
         exerted = self.drives.displacements(state.inputs)
         return self._effectiveness * exerted if self.mapping.goal.effectiveness else exerted
 
     def _of_actuators(self, name: str, value: Array | None) -> Array:
-        """A finite vector (n,); zero for None."""
+        """Check a vector (n,); None is zero."""
         return self._still if value is None else check.array(name, value, len(self._still))
 
 
 @dataclass(frozen=True)
 class NestedState:
-    """State of a controller inside another controller's state, and the number of ticks so far."""
+    """State of an inner controller, and the number of ticks so far."""
 
     controller: ControllerState[Any]
     ticks: int
 
     @property
     def inputs(self) -> Array:
-        """Inputs to send to the drives, shape (n,)."""
+        """Inputs (n,) to send to the drives."""
         return self.controller.inputs
 
     @property
     def pose(self) -> Any:
-        """Estimated pose."""
+        """Pose estimated by the inner controller."""
         return self.controller.pose
 
 
@@ -308,39 +309,42 @@ class OracleController:
     """Controller that switches from one controller to another at a given tick.
 
     Attributes:
-        before: Controls first.
-        after: Takes over at `tick`, counted from the first; None is never.
-        lost_displacements: What each actuator loses then of its displacement, (n,); None: the
-            displacement commanded of those that the goal of `after` says are free.
-        secondary: Reference of the secondary goal (n,) at each time of the run; None is zero.
-        acting: As of :meth:`ftc.PrioritizedController.transfer`.
+        initial: Controller before the switch.
+        reconfigured: Controller from `tick` on.
+        tick: Tick of the switch, counted from zero; None is never.
+        lost_displacements: Displacement that each actuator loses at the switch, shape (n,); None:
+            the commanded displacement of those that are free in the goal of `reconfigured`.
+        secondary: Function of the time of the run [s] that returns the reference (n,) of the
+            secondary goal; None is zero.
+        acting: Argument `acting` of :meth:`ftc.PrioritizedController.transfer`.
     """
 
-    before: PrioritizedController[Any]
-    after: PrioritizedController[Any]
+    initial: PrioritizedController[Any]
+    reconfigured: PrioritizedController[Any]
     tick: int | None
     lost_displacements: Array | None = None
     secondary: Callable[[float], Array] | None = None
     acting: Array | None = None
 
     def __post_init__(self) -> None:
-        before, after = (
+        initial, reconfigured = (
             check.instance(name, getattr(self, name), PrioritizedController).mapping.actuators
-            for name in ("before", "after")
+            for name in ("initial", "reconfigured")
         )
-        if before != after:
-            raise ValueError(f"after must have the {before} actuators of before, got {after}")
+        if initial != reconfigured:
+            expected = f"reconfigured must have the {initial} actuators of initial"
+            raise ValueError(f"{expected}, got {reconfigured}")
         if self.tick is not None:
             check.integer("tick", self.tick)
         if self.secondary is not None:
             check.function("secondary", self.secondary)
         for name in ("lost_displacements", "acting"):
-            if (given := getattr(self, name)) is not None:
-                vars(self)[name] = check.frozen(check.array(name, given, before))
+            if (value := getattr(self, name)) is not None:
+                vars(self)[name] = check.frozen(check.array(name, value, initial))
 
     def start(self) -> NestedState:
-        """At rest at the nominal pose."""
-        return NestedState(self.before.start(), 0)
+        """Return the state at rest at the nominal pose."""
+        return NestedState(self.initial.start(), 0)
 
     def step(
         self,
@@ -350,16 +354,17 @@ class OracleController:
         *,
         feedforward: Array | None = None,
     ) -> NestedState:
-        """One control tick."""
+        """Advance by one control tick."""
         last = check.instance("state", state, NestedState).controller
         if state.ticks == self.tick:
             if (lost := self.lost_displacements) is None:
-                # An actuator that keeps its damper falls too slowly to be made up for at once.
-                held = self.before.drives.displacements(last.inputs)
-                lost = np.where(np.isin(range(len(held)), self.after.mapping.goal.free), held, 0.0)
-            last = self.after.transfer(last, lost, self.acting)
-        is_over = self.tick is not None and state.ticks >= self.tick
-        acting = self.after if is_over else self.before
-        secondary = self.secondary and self.secondary(state.ticks * acting.period_s)
-        controller = acting.step(last, reference, measurement, secondary, feedforward=feedforward)
+                # An actuator with a damper falls slower than this compensation assumes.
+                lost = self.initial.drives.displacements(last.inputs)
+                free = np.isin(range(len(lost)), self.reconfigured.mapping.goal.free)
+                lost = np.where(free, lost, 0.0)
+            last = self.reconfigured.transfer(last, lost, self.acting)
+        has_switched = self.tick is not None and state.ticks >= self.tick
+        active = self.reconfigured if has_switched else self.initial
+        secondary = self.secondary and self.secondary(state.ticks * active.period_s)
+        controller = active.step(last, reference, measurement, secondary, feedforward=feedforward)
         return NestedState(controller, state.ticks + 1)

@@ -1,4 +1,4 @@
-"""Somebody else's controller in the loop: what it or a sensor does wrong is said in a sentence."""
+"""Guarded execution of a user's controller: its failures and those of sensors are reported."""
 
 import signal
 import traceback
@@ -21,27 +21,27 @@ from ftc.loop import Controller
 from ftc.sensors import SensorCheck, Sensors
 
 _START_LIMIT_S = 60.0
-"""Of what is designed and compiled before the first step."""
+"""Time limit for making and starting a controller, compilation included [s]."""
 _LEAST_S = 1e-3
-"""Of a limit; less would come before the last one is dealt with."""
+"""Smallest time limit [s]: the signal of a shorter one could arrive before the last is handled."""
 
 _T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
 class ControlTask:
-    """A machine and a task as a controller meets them; arrays are copied, and read-only.
+    """Machine and task as a controller gets them; arrays are copied and read-only.
 
     Attributes:
-        nominal: The machine without failures: from the n commanded displacements to the m1 major
-            coordinates, the noise of their sensors, the control period.
+        nominal: Model of the machine without failures, from the n commanded displacements to the
+            m1 major coordinates, with the noise of their sensors and the control period.
         J: Task velocity per actuator rate at the nominal pose, shape (m, n).
         major: Rows of the major task, m1 of the m; the others are secondary.
-        goal: Secondary weights, and the failures that are known from the start.
-        drives: From displacements of the actuators to the inputs that are sent, and back.
+        goal: Secondary weights, and the failures known from the start.
+        drives: Conversion between actuator displacements and drive inputs.
         limits: Lower and upper displacements that the drives can hold, shape (n,) each; infinite
-            where there is no limit.
-        reference_limit: Largest reference of each major coordinate, either way, shape (m1,).
+            without a limit.
+        reference_limit: Largest absolute reference of each major coordinate, shape (m1,).
     """
 
     nominal: NominalModel
@@ -69,30 +69,34 @@ class ControlTask:
 
     @property
     def major_jacobian(self) -> Array:
-        """Rows of the major task, shape (m1, n)."""
+        """Rows of J of the major task, shape (m1, n)."""
         return self.J[list(self.major)]
 
     @property
     def period_s(self) -> float:
-        """Between control ticks."""
+        """Control period [s]."""
         return self.nominal.period_s
 
 
 class _TimeExceeded(BaseException):
-    """The code took too long; not an `Exception`, so that the code's own handlers let it pass."""
+    """Signal that the code took too long; a BaseException passes the handlers of the code."""
 
 
 @dataclass(frozen=True)
 class GuardedState:
     """State of a guarded controller.
 
-    The other controller, None if its factory failed, and its `own` state, after a failure the last
-    one before it; inputs (n,) last sent to the drives, zeros before the first step; what sensors
-    read so far; and in a sentence what the other did wrong, None: nothing.
+    Attributes:
+        controller: Guarded controller; None if its factory failed.
+        controller_state: State of the guarded controller; after a failure the last one before it.
+        inputs: Inputs (n,) last sent to the drives; zero before the first step.
+        sensors: State of the sensors.
+        ticks: Number of ticks so far.
+        failure: Description of the controller's failure in one sentence; None without a failure.
     """
 
     controller: Controller[Any] | None
-    own: Any
+    controller_state: Any
     inputs: Array
     sensors: Sensors
     ticks: int = 0
@@ -101,22 +105,21 @@ class GuardedState:
 
 @dataclass(frozen=True)
 class GuardedController:
-    """Controller that calls another one, and survives its failure.
+    """Controller that calls another one and tolerates its failure.
 
-    Where the other raises, returns something else than a finite input for each drive, or takes too
-    long, it is not called again: the inputs stay as they were last sent, as digital-to-analog
-    converters keep them, and the state says what happened. Arrays are handed over as copies.
+    If the other controller raises, does not return a finite input for each drive, or takes too
+    long, it is not called again: the inputs last sent are held, as digital-to-analog converters
+    do, and the state describes the failure. Arrays are passed as copies.
 
-    Nor is it called where no reading of the task is usable, by the rule of
-    :class:`.SensorCheck`: its inputs and its state stay, and ticks go by that it does not see.
-    Of encoders without numbers it gets the latest; whether it uses them is not known.
+    In ticks without a usable reading of the task (see :class:`.SensorCheck`) it is not called, and
+    inputs and state are held. Unusable encoder readings are replaced by the last usable ones.
 
     Attributes:
-        name: Of the other, in sentences.
-        factory: Makes it for a task.
-        task: That task.
-        step_limit_s: How long a step may take, a millisecond or more, by the clock on the wall;
-            making and starting the other may take a minute.
+        name: Name of the other controller in messages.
+        factory: Function that makes the controller for a task.
+        task: Task passed to the factory.
+        step_limit_s: Largest wall-clock time of a step [s], at least a millisecond; making and
+            starting the controller may take a minute.
     """
 
     name: str
@@ -131,25 +134,25 @@ class GuardedController:
         check.number("step_limit_s", self.step_limit_s, _LEAST_S, check.DAY_S)
 
     def start(self) -> GuardedState:
-        """The other controller made and started; inputs are zero."""
+        """Make and start the other controller; return the state with zero inputs."""
         (of_task, of_encoders), n = self._checks, self.task.nominal.actuators
         sensors = Sensors(of_task.start(len(self.task.major)), of_encoders.start(n))
         try:
             controller = _call(_START_LIMIT_S, lambda: self.factory(self.task))
-            own = _call(_START_LIMIT_S, lambda: controller.start())
+            controller_state = _call(_START_LIMIT_S, lambda: controller.start())
         except _Failed as failed:
             sentence = f"{self.name} {failed}, at its start"
             return GuardedState(None, None, np.zeros(n), sensors, failure=sentence)
-        return GuardedState(controller, own, np.zeros(n), sensors)
+        return GuardedState(controller, controller_state, np.zeros(n), sensors)
 
     @cached_property
     def _checks(self) -> tuple[SensorCheck, SensorCheck]:
-        """Of the task, and of the encoders."""
+        """Checks of the task's sensor and of the encoders."""
         period_s = self.task.period_s
         return SensorCheck(period_s), SensorCheck(period_s, noisy=False)
 
     def step(self, state: GuardedState, reference: Array, measurement: Measurement) -> GuardedState:
-        """One control tick; after a failure, or without a usable reading, the inputs stay."""
+        """Advance by one tick; hold the inputs after a failure or without a usable reading."""
         reference = check.array("reference", reference, len(self.task.major))
         controller = check.instance("state", state, GuardedState).controller
         state = changed(state, ticks=state.ticks + 1)
@@ -160,29 +163,29 @@ class GuardedController:
         if not sensors.task.usable:
             return state
         readings = sensors.task.last, sensors.encoders.last
-        given = Measurement(*(np.array(each, dtype=float) for each in readings))
+        copied = Measurement(*(np.array(reading, dtype=float) for reading in readings))
 
         def stepped() -> tuple[Any, Array]:
-            own = controller.step(state.own, reference.copy(), given)
-            return own, _inputs(own, len(state.inputs))
+            controller_state = controller.step(state.controller_state, reference.copy(), copied)
+            return controller_state, _inputs(controller_state, len(state.inputs))
 
         try:
-            own, inputs = _call(self.step_limit_s, stepped)
+            controller_state, inputs = _call(self.step_limit_s, stepped)
         except _Failed as failed:
             time_s = (state.ticks - 1) * self.task.period_s
             return changed(state, failure=f"{self.name} {failed}, at {time_s:.3f} s")
-        return changed(state, own=own, inputs=inputs)
+        return changed(state, controller_state=controller_state, inputs=inputs)
 
 
 class _Failed(Exception):
-    """What the controller did wrong, the rest of a sentence that begins with its name."""
+    """Failure of the controller; the message continues a sentence that begins with its name."""
 
 
 def _call(limit_s: float, function: Callable[[], _T]) -> _T:
-    """What the function returns within a time, or `_Failed`.
+    """Call a function with a time limit [s]; raise `_Failed` on an error or a timeout.
 
-    Code that takes longer is stopped as soon as Python runs again, not within compiled code; and in
-    the main thread alone, the only one in which Python handles signals.
+    The code is stopped when Python runs again, not within compiled code, and only in the main
+    thread, which handles the signals.
     """
 
     def stop(number: int, frame: FrameType | None) -> None:
@@ -190,7 +193,7 @@ def _call(limit_s: float, function: Callable[[], _T]) -> _T:
 
     try:
         former = signal.signal(signal.SIGALRM, stop)
-        # Again and again: code that catches everything may have caught the first.
+        # Repeatedly: code that catches everything may have caught the first signal.
         signal.setitimer(signal.ITIMER_REAL, limit_s, limit_s)
         try:
             return function()
@@ -202,17 +205,17 @@ def _call(limit_s: float, function: Callable[[], _T]) -> _T:
     except _TimeExceeded:
         raise _Failed(f"took longer than {limit_s:g} s") from None
     except (Exception, SystemExit) as error:
-        # The innermost line of the file that was called: below it are libraries.
+        # The innermost line of the called file; deeper frames are libraries.
         frames = traceback.extract_tb(error.__traceback__)
         called = [frame for frame in frames if frame.filename != __file__] or frames
         place = [frame for frame in called if frame.filename == called[0].filename][-1]
-        said = " ".join(f"raised {type(error).__name__}: {error}".split())
+        message = " ".join(f"raised {type(error).__name__}: {error}".split())
         where = f"{Path(place.filename).name}, line {place.lineno}"
-        raise _Failed(f"{said:.200} ({where})") from error
+        raise _Failed(f"{message:.200} ({where})") from error
 
 
 def _inputs(state: Any, drives: int) -> Array:
-    """The inputs in a state that a controller returned, a copy of shape (n,)."""
+    """Return a copy (n,) of the inputs in a controller's state; raise `_Failed` if invalid."""
     inputs = np.array(state.inputs)
     if inputs.dtype.kind not in "fiu":
         raise _Failed(f"returned {shown(state.inputs)}, expected {drives} numbers")

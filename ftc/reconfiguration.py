@@ -1,4 +1,4 @@
-"""What follows from a diagnosis: another goal, and whether to go over to a controller for it."""
+"""Reconfiguration after a diagnosis: the new goal, and the decision to switch controllers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,21 +21,21 @@ from ftc.fdi.fault_model import (
 )
 
 WEAKEST = 0.5
-"""An actuator whose commands move it less than this part of what they did is not used. Commanded
-seven times as much because of a wrong diagnosis, a sound strut would make the loop unstable:
-docs/recover.md."""
+"""Smallest static share of its displacement with which an actuator stays in use: after a wrong
+diagnosis, a healthy strut driven with seven times its command would destabilize the loop
+(docs/recover.md)."""
 
 _LEAST_ASSUMED = 0.8
-"""Part of the displacement that a weak actuator is assumed to keep, at least, by a diagnosis: it is
-commanded at most 2 dB more, a third of the gain margin of 6 dB that loops have. If it works again
-before anybody can know, the rest of the margin is left, and the step is a quarter larger."""
+"""Smallest effectiveness that the controller assumes for an actuator diagnosed as weak: its command
+grows by at most 2 dB, a third of the gain margin of 6 dB. If it works again undetected, two thirds
+of the margin remain, and its step is a quarter larger."""
 
 _ABOVE = 1 + 1e-9
-"""What exceeds so many times a number does so whatever round-off there is."""
+"""Factor by which a number must exceed another one to do so despite round-off."""
 
 
 def used_share(nominal: NominalModel, fault: Fault) -> float:
-    """Part of its commanded displacement that the mapping assumes for an actuator; 0: not used."""
+    """Return the share of its commanded displacement assumed for an actuator; 0: out of use."""
     if fault.kind != "weak":
         return 0.0
     share = static_share(nominal, fault)
@@ -45,16 +45,16 @@ def used_share(nominal: NominalModel, fault: Fault) -> float:
 def lost_displacement(
     nominal: NominalModel, diagnosis: Diagnosis, faults: Sequence[Fault], commanded: Array
 ) -> Array:
-    """Displacement that the diagnosed actuator is about to lose, shape (n,).
+    """Return the displacement that the diagnosed actuator is about to lose, shape (n,).
 
-    From where it is by the diagnosis to where its command (n,), its springs and its loads hold it
-    with all `faults`, as far as that is a part of what the fault changes at rest: a servo that lags
-    behind a moving command loses nothing by that. A locked actuator loses nothing, nor does one
-    that was diagnosed before; for one that nothing holds no other can make up by a step.
+    It leads from its diagnosed displacement to the one at which its command (n,), springs and loads
+    hold it with all `faults`, limited to the change of the resting displacement by the fault: the
+    lag of a servo behind a moving command does not count. It is zero for a locked actuator, for one
+    that is healthy again or was diagnosed before, and for one that does not come to rest.
     """
     fault, lost_displacements = diagnosis.fault, np.zeros(len(commanded))
-    if fault.kind != "locked" and not (fault.is_sound or diagnosis.confirmed):
-        k, others = fault.actuator, [each for each in faults if each.actuator != fault.actuator]
+    if fault.kind != "locked" and not (fault.is_healthy or diagnosis.confirmed):
+        k, others = fault.actuator, [other for other in faults if other.actuator != fault.actuator]
         before = resting_displacements(nominal, others, commanded)
         after = resting_displacements(nominal, faults, commanded)
         if before is not None and after is not None:
@@ -64,17 +64,17 @@ def lost_displacement(
 
 
 Unused = Literal["locked", "free"]
-"""What an actuator counts as that gives no force: locked at its centre, where its own spring holds
-it, or free to follow the others. On the hexapod its spring holds it to 6e-4, and in a loop of 8 Hz
-locked is the better model even without the spring (docs/theory.md)."""
+"""Model of an actuator without force: locked at its centre by its own spring, or free to follow the
+others. On the hexapod the spring holds it to 6e-4, and in a loop of 8 Hz locked is the better model
+even without the spring (docs/theory.md)."""
 
 
 def goal_after(
     goal: Goal, diagnoses: Sequence[Diagnosis], nominal: NominalModel, unused: Unused = "free"
 ) -> Goal:
-    """The goal with the failures of these diagnoses, by the linear model of the sound machine.
+    """Return the goal with the failures of these diagnoses, by the linear model `nominal`.
 
-    `unused` is what an actuator counts as that is free, loose, or too weak to be used.
+    `unused` is the model of an actuator that is free, loose, or too weak to be used.
     """
     n = check.instance("nominal", nominal, NominalModel).actuators
     check.instance("goal", goal, Goal).of(n)
@@ -82,12 +82,12 @@ def goal_after(
     if not isinstance(diagnoses, list | tuple):
         raise TypeError(f"diagnoses must be a list of diagnoses, got {check.shown(diagnoses)}")
     locked_at, effectiveness, free = dict(goal.locked_at), dict(goal.effectiveness), set(goal.free)
-    for found in diagnoses:
-        fault = check.instance("diagnoses", found, Diagnosis).fault
+    for diagnosis in diagnoses:
+        fault = check.instance("diagnoses", diagnosis, Diagnosis).fault
         actuator = check.integer("actuator of diagnoses", fault.actuator, n)
-        if found.fault.kind == "locked":
-            locked_at[actuator] = found.displacement
-        elif (share := used_share(nominal, found.fault)) > 0:
+        if diagnosis.fault.kind == "locked":
+            locked_at[actuator] = diagnosis.displacement
+        elif (share := used_share(nominal, diagnosis.fault)) > 0:
             effectiveness[actuator] = share
         elif unused == "locked":
             locked_at[actuator] = 0.0
@@ -101,15 +101,15 @@ def goal_after(
     )
 
 
-def with_margin(goal: Goal, told: Goal) -> Goal:
-    """The goal whose weak actuators, but for those that were told, leave the loops their margin."""
-    least = {k: min(_LEAST_ASSUMED, told.effectiveness.get(k, 1.0)) for k in goal.effectiveness}
-    driven = {k: max(left, least[k]) for k, left in goal.effectiveness.items()}
+def with_margin(goal: Goal, known: Goal) -> Goal:
+    """Return the goal with at least `_LEAST_ASSUMED` of weak actuators that are not `known`."""
+    least = {k: min(_LEAST_ASSUMED, known.effectiveness.get(k, 1.0)) for k in goal.effectiveness}
+    driven = {k: max(part, least[k]) for k, part in goal.effectiveness.items()}
     return replace(goal, effectiveness=driven)
 
 
-class Case(NamedTuple):
-    """What is true with some probability: faults of the machine, and its state x (s,) with them."""
+class Scenario(NamedTuple):
+    """Possible faults of the machine with their probability, and its state x (s,) with them."""
 
     probability: float
     faults: Sequence[Fault]
@@ -117,22 +117,21 @@ class Case(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Outlook:
-    """The time to come, as far as it can be foreseen, by which one of two controllers is chosen.
+class ErrorPrediction:
+    """Prediction of the tracking error, by which one of two controllers is chosen.
 
-    A diagnosis is a probability, and acting on it is a decision under risk: that with the least
-    expected cost (Berger, Statistical Decision Theory and Bayesian Analysis, 1985, section 1.3).
-    The cost is the RMS error of the major task that the linear model predicts from where machine
-    and controllers stand now.
+    A diagnosis has a probability, so the switch is a decision under risk with the least expected
+    cost (Berger, Statistical Decision Theory and Bayesian Analysis, 1985, section 1.3). The cost is
+    the RMS error of the major task that the linear model predicts from the present states of
+    machine and controllers.
 
     Attributes:
-        nominal: Linear model of the sound machine; its first outputs are the major task.
-        output: The major task as last measured, shape (m1,): what the model is off now stays.
-        references: Of the major task, tick by tick, shape (N, m1).
-        secondary: Of the secondary goal, shape (N, n).
-        unused: What actuators out of use are commanded, shape (N, n).
-        feedforward: What is demanded beside the compensators, shape (N, m1); None: as the
-            controllers do without.
+        nominal: Linear model of the healthy machine; its first outputs are the major task.
+        output: Last measured major task, shape (m1,); its model error is assumed constant.
+        references: Predicted references of the major task, tick by tick, shape (N, m1).
+        secondary: References of the secondary goal, shape (N, n).
+        unused: Commands of actuators out of use, shape (N, n).
+        feedforward: Feedforward demands, shape (N, m1); None is the default of the controllers.
     """
 
     nominal: NominalModel
@@ -144,15 +143,16 @@ class Outlook:
 
     def rms(
         self,
-        pilot: PrioritizedController[Any],
+        controller: PrioritizedController[Any],
         state: ControllerState[Any],
-        case: Case,
+        case: Scenario,
         enough: float = np.inf,
     ) -> float:
-        """RMS error of the major task under a controller that begins in this state; or infinite.
+        """Return the predicted RMS error of the major task for a controller in this state.
 
-        In standard deviations of the sensors' noise: rows of different units count alike. Once it
-        is sure to exceed `enough`, this much of it is returned.
+        It is in standard deviations of the sensors' noise, so that rows of different units are
+        comparable, and infinite on divergence. Once it certainly exceeds `enough`, the prediction
+        ends and the partial error is returned.
         """
         model, x, square = fault_model(self.nominal, case.faults), case.x, 0.0
         C, noise = (part[: len(self.output)] for part in (self.nominal.plant.C, self.nominal.noise))
@@ -166,7 +166,7 @@ class Outlook:
             if square > most:
                 break
             measured = Measurement(output, self.nominal.displacement.dot(x))
-            state = pilot.step(
+            state = controller.step(
                 state,
                 reference,
                 measured,
@@ -174,26 +174,26 @@ class Outlook:
                 feedforward=None if self.feedforward is None else self.feedforward[tick],
                 unused_reference=self.unused[tick],
             )
-            x = model.step(x, pilot.drives.displacements(state.inputs))
+            x = model.step(x, controller.drives.displacements(state.inputs))
         return float(np.sqrt(square / len(self.references)))
 
-    def goes_over(
+    def should_switch(
         self,
-        stays: tuple[PrioritizedController[Any], ControllerState[Any]],
-        goes: tuple[PrioritizedController[Any], ControllerState[Any]],
-        cases: Sequence[Case],
+        present: tuple[PrioritizedController[Any], ControllerState[Any]],
+        candidate: tuple[PrioritizedController[Any], ControllerState[Any]],
+        scenarios: Sequence[Scenario],
     ) -> bool:
-        """Whether the expected error of a new controller is at most that of the present one.
+        """Return whether the expected error of a new controller is at most the present one's.
 
-        Errors that are smaller than the sensors' noise matter to nobody. `cases` are what may be
-        true; `stays` is the present controller with its state, `goes` the new one.
+        Errors below the sensors' noise count as equal. `present` and `candidate` are the two
+        controllers with their states, `scenarios` the possible faults.
         """
-        cases = [case for case in cases if case.probability > 0]  # certain ones round to one
-        going = sum(case.probability * self.rms(*goes, case) for case in cases)
-        bearable, staying = float(np.sqrt(len(self.output))), 0.0
-        for case in cases:
-            if going <= max(staying, bearable):  # staying only grows with further cases
+        scenarios = [case for case in scenarios if case.probability > 0]  # the others round to zero
+        switch_cost = sum(case.probability * self.rms(*candidate, case) for case in scenarios)
+        bearable, stay_cost = float(np.sqrt(len(self.output))), 0.0
+        for case in scenarios:
+            if switch_cost <= max(stay_cost, bearable):  # `stay_cost` only grows
                 return True
-            enough = (_ABOVE * going - staying) / case.probability
-            staying += case.probability * self.rms(*stays, case, enough)
-        return going <= max(staying, bearable)
+            enough = (_ABOVE * switch_cost - stay_cost) / case.probability
+            stay_cost += case.probability * self.rms(*present, case, enough)
+        return switch_cost <= max(stay_cost, bearable)

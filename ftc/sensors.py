@@ -1,9 +1,9 @@
-"""Whether readings are usable: numbers within range that change from tick to tick.
+"""Sensor validation: usable readings are numbers within range that change from tick to tick.
 
-Limit checking (Isermann, Fault-Diagnosis Systems, 2006, chapter 7), and a test of the noise: a
-sensor that has some hardly ever reads the same twice, bit by bit. One that does has repeated its
-last reading, which a loop can use once more, or is stuck. A bias, another scale or more noise
-cannot be seen from the sensor itself: the offsets that the diagnosis tracks take up a bias.
+Limit checking (Isermann, Fault-Diagnosis Systems, 2006, chapter 7), and a test for noise: a noisy
+sensor hardly ever gives the same reading twice, bit by bit. If it does, it has repeated its last
+reading, which a loop can use once more, or is stuck. A bias, another scale or more noise is not
+detected here; the sensor offsets that the diagnosis tracks include a bias.
 """
 
 from dataclasses import dataclass, replace
@@ -19,34 +19,32 @@ from argument_checks.records import changed
 from ftc.controller import Measurement
 
 _STUCK_S, _FEWEST = 35e-3, 5
-"""A row that repeats for so long is stuck; so is one at the end of what its sensor can show. A bus
-or a driver that is late repeats for some tens of milliseconds, in which a loop is better off with
-the old reading. Not before so many readings: in a slow loop one late reading is no stuck sensor."""
+"""Time [s] and number of readings after which a repeated row counts as stuck (or saturated). A late
+bus or driver repeats readings for some tens of milliseconds, in which a loop does better with the
+old reading; in a slow loop one late reading is no stuck sensor."""
 
 _GAP_S = 20e-3
-"""A longer gap is a loss. Commands that are held for so long are late by half of it, by 29 degrees
-in a loop of 8 Hz: about as much as loops can bear (34 degrees: `LARGEST_PEAK`)."""
+"""Longest gap that is not a loss [s]. Commands held that long are late by half of it, 29 degrees in
+a loop of 8 Hz: about the phase margin of the loops (34 degrees: `LARGEST_PEAK`)."""
 
 
 @dataclass(frozen=True)
 class SensorState:
-    """What is known of a sensor after a tick.
-
-    Counts are of ticks so far.
+    """State of a sensor check after a tick; counts are numbers of ticks so far.
 
     Attributes:
-        last: Latest reading of numbers, one a row; NaN before the first.
-        sent: Inputs of the drives before that reading, shape (n,); None before the first.
-        repeats: Of each row, ticks since it last changed while the commands did.
-        ticks: All.
-        gap_ticks: Without a usable reading, up to now; 0: this one is usable.
-        lost: Whether the gap is longer than a short one, or a row is stuck.
-        since: The tick at which the present gap, or the last one, began.
-        cause: What was wrong with the latest reading that was not usable.
-        missing: Whose readings were no numbers, of another shape, or beyond range.
-        repeated: Whose readings repeated all rows, or one that is stuck.
-        held_ticks: Without a usable reading.
-        losses: At which the sensor was lost.
+        last: Latest numeric reading, one number a row; NaN before the first.
+        sent: Drive inputs before that reading, shape (n,); None before the first.
+        repeats: Ticks since each row last changed while the commands did.
+        ticks: Number of readings.
+        gap_ticks: Length of the present gap without a usable reading; 0: no gap.
+        lost: Whether the gap is longer than 20 ms, or a row is stuck.
+        since: Tick at which the present or last gap began.
+        cause: Fault of the latest unusable reading.
+        missing: Ticks with a reading that was not numeric, of another shape, or out of range.
+        repeated: Ticks with a reading that repeated all rows.
+        unusable_ticks: Ticks without a usable reading.
+        losses: Ticks at which the sensor became lost.
     """
 
     last: tuple[float, ...]
@@ -59,26 +57,26 @@ class SensorState:
     cause: str = ""
     missing: int = 0
     repeated: int = 0
-    held_ticks: int = 0
+    unusable_ticks: int = 0
     losses: int = 0
 
     @property
     def usable(self) -> bool:
-        """Whether the latest reading is."""
+        """Return whether the latest reading is usable."""
         return not self.gap_ticks
 
     @property
     def new(self) -> bool:
-        """Whether it also says something new, and no row repeats the reading before."""
+        """Return whether the latest reading is usable and no row repeats the previous one."""
         return not self.gap_ticks and not any(self.repeats)
 
     @property
     def failed(self) -> bool:
-        """Whether a reading was missing or repeated so far."""
-        return self.held_ticks > 0 or self.repeated > 0
+        """Return whether a reading was missing or repeated so far."""
+        return self.unusable_ticks > 0 or self.repeated > 0
 
     def sentence(self, period_s: float, name: str, instead: str) -> str:
-        """What the sensor does, and what is done `instead` of using it."""
+        """Describe the sensor's state, and what is done `instead` of using it."""
         counts = ((self.missing, "missing"), (self.repeated, "repeated"))
         bad = ", ".join(f"{count} {what}" for count, what in counts if count)
         if self.usable:
@@ -91,19 +89,17 @@ class SensorState:
 
 @dataclass(frozen=True)
 class SensorCheck:
-    """The rule by which a reading is usable.
+    """Rule that decides whether a reading is usable.
 
-    After a gap of 20 ms the sensor is lost; a row that repeats for 35 ms, and for 5 readings, is
-    stuck. The next usable reading is used at once: to wait for more of them leaves the loop open
-    for longer than the sensor does.
+    The sensor is lost after a gap of 20 ms; a row is stuck when it repeats for 35 ms and 5
+    readings. The next usable reading is used at once: waiting for more would only lengthen the gap.
 
     Attributes:
-        period_s: Between readings.
-        limits: Largest size of each row, such as several times what the sensor can show; None is
-            none.
-        noisy: Whether noise changes each reading. Not so for a sensor whose noise is below its
-            resolution, or that is slower than the loop, nor in a simulation without noise, where a
-            machine at rest repeats itself.
+        period_s: Time between readings [s].
+        limits: Largest absolute value of each row, such as several times the sensor's range; None
+            is no limit.
+        noisy: Whether noise changes each reading. False for a sensor whose noise is below its
+            resolution or that is slower than the loop, and in simulations without noise.
     """
 
     period_s: float
@@ -119,42 +115,44 @@ class SensorCheck:
             vars(self)["limits"] = tuple(limits.tolist())
 
     def start(self, rows: int) -> SensorState:
-        """Before the first reading of so many rows, as many as limits; none for no sensor."""
+        """Return the state before the first reading of `rows` rows; zero rows: no sensor."""
         if check.integer("rows", rows) and self.limits is not None and rows != len(self.limits):
             raise ValueError(f"rows must be as many as limits, {len(self.limits)}, got {rows}")
         return SensorState((nan,) * rows, None, (0,) * rows)
 
     def step(self, state: SensorState, reading: Any, sent: Array) -> SensorState:
-        """The state after a reading; whatever that is, nothing is raised.
+        """Return the state after a reading of any kind, without raising an error.
 
         Args:
-            state: Before it.
-            reading: What should be a vector of as many finite numbers as there are rows.
-            sent: Inputs that the drives have had since the reading before, shape (n,). Only
-                while these change does a reading have to.
+            state: State before the reading.
+            reading: Reading, usable if it is a vector of one finite number for each row.
+            sent: Drive inputs since the previous reading, shape (n,). A reading has to change only
+                while these change.
         """
         last, repeats, repeated = state.last, (0,) * len(state.last), state.repeated
-        seen = _numbers(reading, len(last))
-        if seen is None or (self.limits is not None and any(map(gt, map(abs, seen), self.limits))):
-            cause = "gives no numbers" if seen is None else "reads beyond its range"
+        numbers = _numbers(reading, len(last))
+        if numbers is None or (
+            self.limits is not None and any(map(gt, map(abs, numbers), self.limits))
+        ):
+            cause = "gives no numbers" if numbers is None else "reads beyond its range"
             after = changed(state, ticks=state.ticks + 1, missing=state.missing + 1)
             return self._without(state, after, cause)
-        if self.noisy and any(map(eq, seen, last)):
-            # A row begins to while the commands change. After a loss they do not, and one that
-            # repeats is no usable one.
+        if self.noisy and any(map(eq, numbers, last)):
+            # A repetition starts only while the commands change. After a loss the commands are
+            # held, and a repeated reading is not usable.
             before = state.sent
             moved = state.lost or (before is not None and before.tobytes() != sent.tobytes())
-            rows = zip(state.repeats, map(eq, seen, last), strict=True)
+            rows = zip(state.repeats, map(eq, numbers, last), strict=True)
             repeats = tuple(count + 1 if same and (count or moved) else 0 for count, same in rows)
             repeated += all(repeats)
-        read = {"last": seen, "sent": sent, "repeats": repeats, "repeated": repeated}
+        read = {"last": numbers, "sent": sent, "repeats": repeats, "repeated": repeated}
         after = changed(state, **read, ticks=state.ticks + 1, gap_ticks=0, lost=False)
         if any(repeats) and (state.lost or self._is_stuck(repeats)):
             return self._without(state, after, "repeats one value")
         return after
 
     def _without(self, before: SensorState, after: SensorState, cause: str) -> SensorState:
-        """The state after a reading that is not used."""
+        """Return the state after an unusable reading."""
         gap, longest = before.gap_ticks + 1, max(after.repeats)
         lost = before.lost or self._is_stuck(after.repeats) or gap > self._ticks(_GAP_S)
         return replace(
@@ -163,7 +161,7 @@ class SensorCheck:
             lost=lost,
             since=before.since if before.gap_ticks else after.ticks - max(longest, 1),
             cause=cause,
-            held_ticks=before.held_ticks + 1,
+            unusable_ticks=before.unusable_ticks + 1,
             losses=before.losses + (lost and not before.lost),
         )
 
@@ -176,11 +174,11 @@ class SensorCheck:
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """What is known of the sensors after a tick.
+    """States of all sensors after a tick.
 
     Attributes:
-        task: Of the major task.
-        encoders: Of the actuators; without rows where they are not used.
+        task: State of the sensor of the major task.
+        encoders: State of the actuator encoders; without rows if they are not used.
         estimates: Whether the major task is estimated from the encoders.
     """
 
@@ -197,14 +195,14 @@ class Sensors:
         *,
         estimable: bool = False,
     ) -> "Sensors":
-        """What is known after a measurement; whatever that is, nothing is raised.
+        """Return the states after a measurement of any kind, without raising an error.
 
         Args:
-            measurement: What should have the attributes of a :class:`ftc.Measurement`.
-            sent: Inputs of the drives since the measurement before, shape (n,).
-            of_task: When the readings of the task are usable.
-            of_encoders: And those of the encoders.
-            estimable: Whether encoders can stand in for a task's sensor that is lost.
+            measurement: Object with the attributes of a :class:`ftc.Measurement`.
+            sent: Drive inputs since the previous measurement, shape (n,).
+            of_task: Check of the readings of the task.
+            of_encoders: Check of the readings of the encoders.
+            estimable: Whether encoders can replace a lost sensor of the task.
         """
         task = of_task.step(self.task, getattr(measurement, "output", None), sent)
         encoders = self.encoders
@@ -215,38 +213,38 @@ class Sensors:
 
     @property
     def failed(self) -> bool:
-        """Whether a reading was missing or repeated so far."""
+        """Return whether a reading was missing or repeated so far."""
         return self.task.failed or self.encoders.failed
 
     def sentence(self, period_s: float) -> str:
-        """What the sensors read, and what is done about it."""
+        """Describe the states of the sensors and their consequences."""
         if not self.failed:
             return "all readings are usable"
-        held = "the commands are held"
-        instead = "the task is estimated from the encoders" if self.estimates else held
-        said = self.task.sentence(period_s, "the sensor of the task", instead)
+        default = "the commands are held"
+        instead = "the task is estimated from the encoders" if self.estimates else default
+        text = self.task.sentence(period_s, "the sensor of the task", instead)
         if not self.encoders.failed:
-            return said
-        waits = "what needs them waits"
-        return f"{said}; {self.encoders.sentence(period_s, 'the set of encoders', waits)}"
+            return text
+        waits = "their use is suspended"
+        return f"{text}; {self.encoders.sentence(period_s, 'the set of encoders', waits)}"
 
 
-def in_numbers(measurement: Any, rows: int, actuators: int) -> Measurement:
-    """Vectors of what should be a measurement: NaN where a reading is none, or a masked one."""
+def numeric_measurement(measurement: Any, rows: int, actuators: int) -> Measurement:
+    """Return the readings as float vectors; a missing, masked or invalid one is NaN."""
     vectors = []
     for name, size in (("output", rows), ("displacement", actuators)):
         reading = getattr(measurement, name, None)
         if not check.is_plain(reading) or reading.shape != (size,):
-            seen = _numbers(reading, size)
-            reading = np.full(size, nan) if seen is None else np.array(seen, dtype=float)
+            numbers = _numbers(reading, size)
+            reading = np.full(size, nan) if numbers is None else np.array(numbers, dtype=float)
         vectors.append(reading)
     return Measurement(*vectors)
 
 
 def _numbers(reading: Any, rows: int) -> tuple[float, ...] | None:
-    """The numbers of a reading; None where they are not `rows` moderate ones in a vector."""
+    """Return the numbers of a reading; None unless they are a finite vector of `rows`."""
     try:
-        seen = tuple(reading.tolist())
-        return seen if len(seen) == rows and hypot(*seen) < check.LARGEST else None
+        numbers = tuple(reading.tolist())
+        return numbers if len(numbers) == rows and hypot(*numbers) < check.LARGEST else None
     except (AttributeError, TypeError, ValueError, OverflowError):
         return None

@@ -1,4 +1,4 @@
-"""Supervised control: a controller that isolates failed actuators and is reconfigured."""
+"""Supervised control: isolation of actuator failures and reconfiguration of the controller."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -21,27 +21,27 @@ from ftc.fdi.monitor import Monitor, MonitorState
 from ftc.fdi.observer import LEARNING_S
 from ftc.reconfiguration import (
     WEAKEST,
-    Case,
-    Outlook,
+    ErrorPrediction,
+    Scenario,
     Unused,
     goal_after,
     lost_displacement,
     with_margin,
 )
-from ftc.sensors import SensorCheck, Sensors, in_numbers
+from ftc.sensors import SensorCheck, Sensors, numeric_measurement
 
 TEST_PART = 0.25
-"""An actuator out of use is given this part of the dither: if it works, the task feels it, because
-the others do not know, and a diagnosis sees it; the sound ones' cancels out."""
+"""Fraction of the dither that an actuator out of use is commanded: if it works, its motion is not
+compensated by the others, and the diagnosis detects it; the dither of healthy ones cancels out."""
 
 _NEARLY_ALL = 0.999
-"""Of its force: what a weak actuator that may be sound by now counts as."""
+"""Effectiveness assumed for a weak actuator that may be healthy again."""
 
 _AHEAD_S = 1.0
-"""So far ahead errors are predicted for a decision; what was asked of late is taken backwards."""
+"""Horizon of error predictions [s]; recent references are replayed in reverse as a forecast."""
 
-_Pilot = tuple[PrioritizedController[Any], ControllerState[Any]]
-"""A controller and its state."""
+_StatefulController = tuple[PrioritizedController[Any], ControllerState[Any]]
+"""Controller and its state."""
 
 
 @dataclass(frozen=True)
@@ -49,21 +49,24 @@ class SupervisorState(NestedState):
     """State of the supervisor.
 
     Attributes:
-        current: The controller in use; `controller` is its state.
-        monitor: The monitor, and `watch` its state.
-        sensors: What they read so far, and whether it was usable.
-        diagnoses: All that were made, revised and withdrawn ones included, in order.
-        task_lost: Whether the actuators that are left by confirmed diagnoses cannot do the major
-            task; the controller then goes on as it was, with what it still reaches.
-        withdrawn: Diagnoses that were taken back, and when.
-        acted: Diagnoses from which the controller in use changed.
-        references: Of the major task of late, one for each sample of the diagnosis, newest first.
-        feedforward: Demands beside the compensators, likewise; empty: none were given.
-        refused: The last diagnosis that was not acted on: doing nothing was expected to cost less.
+        current: Controller in use; `controller` is its state.
+        monitor_state: State of the monitor.
+        monitor: Monitor of the plant with the confirmed failures.
+        sensors: States of the sensors.
+        confirmed: Confirmed diagnoses, in order.
+        diagnoses: All diagnoses, revised and withdrawn ones included, in order.
+        task_lost: Whether the remaining actuators cannot do the major task, by confirmed diagnoses;
+            the controller then continues unchanged.
+        withdrawn: Withdrawn diagnoses and the ticks of their withdrawal.
+        acted: Diagnoses that changed the controller in use.
+        references: Recent references of the major task, one for each sample of the diagnosis,
+            newest first.
+        feedforward: Recent feedforward demands in the same order; empty: none were given.
+        rejected: Last diagnosis without a switch, because its expected error was larger.
     """
 
     current: PrioritizedController[Any]
-    watch: MonitorState
+    monitor_state: MonitorState
     monitor: Monitor
     sensors: Sensors
     confirmed: tuple[Diagnosis, ...] = ()
@@ -73,75 +76,76 @@ class SupervisorState(NestedState):
     acted: tuple[Diagnosis, ...] = ()
     references: tuple[Array, ...] = ()
     feedforward: tuple[Array, ...] = ()
-    refused: Diagnosis | None = None
+    rejected: Diagnosis | None = None
 
     @property
     def status(self) -> str:
-        """What is believed, not understood and done, in one sentence.
+        """Diagnosis and reaction in one sentence.
 
-        Actuators are called by the names that the monitor's model has, or by their numbers.
+        Actuators have the names of the monitor's model, or else their numbers.
         """
-        watch, names = self.watch, self.monitor.nominal.names
-        parts = [", ".join(map(self._named, self.standing)) or "all actuators are believed sound"]
-        if watch.diagnosis is not None and watch.diagnosis.fault.is_sound:
-            parts.append(f"{_name(watch.diagnosis.fault.actuator, names)} seems to work again")
-        if watch.relearns > 0:
-            parts.append("what no failure explains is learned as part of the machine")
-        elif watch.evidence is not None and watch.diagnosis is None:
-            parts.append("an alarm is looked into")
-        elif watch.causes and not self.standing:
-            why = explanation(watch.causes[-1], names)
-            parts.append(f"the last alarm is explained by {why}, which is no failure")
+        monitor_state, names = self.monitor_state, self.monitor.nominal.names
+        failed = ", ".join(map(self._described, self.active_diagnoses))
+        parts = [failed or "all actuators are assumed healthy"]
+        current = monitor_state.diagnosis
+        if current is not None and current.fault.is_healthy:
+            parts.append(f"{_name(current.fault.actuator, names)} seems to work again")
+        if monitor_state.relearns > 0:
+            parts.append("residuals that no failure explains are learned as part of the machine")
+        elif monitor_state.evidence is not None and current is None:
+            parts.append("an alarm is being investigated")
+        elif monitor_state.causes and not self.active_diagnoses:
+            cause = explanation(monitor_state.causes[-1], names)
+            parts.append(f"the last alarm is explained by {cause}, which is no failure")
         known = self.current.mapping.goal.failed
         if self.task_lost:
-            parts.append(
-                "the major task is lost, and the controller goes on with what it still reaches"
-            )
-        elif self.refused is not None and self.refused.fault.actuator not in known:
-            parts.append("the controller goes on as it was, which is expected to cost less")
-        elif self.standing:
-            parts.append("the other actuators do the task")
-        said = "; ".join(parts)
-        if names is None or not self.standing:  # a name stays as it is
-            said = said[0].upper() + said[1:]
-        return f"{said}."
+            parts.append("the major task is lost, and the controller continues unchanged")
+        elif self.rejected is not None and self.rejected.fault.actuator not in known:
+            parts.append("the controller is unchanged, which is expected to give a smaller error")
+        elif self.active_diagnoses:
+            parts.append("the other actuators perform the task")
+        text = "; ".join(parts)
+        if names is None or not self.active_diagnoses:  # the case of a name is kept
+            text = text[0].upper() + text[1:]
+        return f"{text}."
 
-    def _named(self, found: Diagnosis) -> str:
-        name = _name(found.fault.actuator, self.monitor.nominal.names)
-        doubt = "" if found.confirmed else ", not yet confirmed"
-        return f"{name} is {' or '.join(found.kinds)}{doubt}"
+    def _described(self, diagnosis: Diagnosis) -> str:
+        name = _name(diagnosis.fault.actuator, self.monitor.nominal.names)
+        suffix = "" if diagnosis.confirmed else ", not yet confirmed"
+        return f"{name} is {' or '.join(diagnosis.kinds)}{suffix}"
 
     def __repr__(self) -> str:
-        """One line, for interactive use."""
+        """Return one line for interactive use."""
         return f"<SupervisorState after {self.ticks} ticks. {self.status}>"
 
     @property
     def is_learning(self) -> bool:
-        """Whether what the sensors read is still taken for the machine without a failure."""
-        learned_s = self.watch.observer.spectrum.samples * self.monitor.observer.period_s
+        """Return whether the readings are still assumed to be those of a healthy machine."""
+        learned_s = self.monitor_state.observer.spectrum.samples * self.monitor.observer.period_s
         return learned_s <= LEARNING_S
 
     @property
-    def standing(self) -> list[Diagnosis]:
-        """The last diagnosis confirmed of each actuator, and the one being confirmed.
+    def active_diagnoses(self) -> list[Diagnosis]:
+        """Latest diagnosis of each failed actuator, confirmed or being confirmed.
 
-        Without those that work again, once that is confirmed: one that comes and goes stays out.
+        An actuator that works again stays in the list until that is confirmed, so that an
+        intermittent one stays out of use.
         """
-        latest, found = self.confirmed, self.watch.diagnosis
-        if found is not None and found.is_acted_on:
-            latest = (*latest, found)
-        last = {each.fault.actuator: each for each in latest}
-        return [each for each in last.values() if not each.fault.is_sound]
+        latest, current = self.confirmed, self.monitor_state.diagnosis
+        if current is not None and current.is_acted_on:
+            latest = (*latest, current)
+        last = {diagnosis.fault.actuator: diagnosis for diagnosis in latest}
+        return [diagnosis for diagnosis in last.values() if not diagnosis.fault.is_healthy]
 
 
 def explanation(cause: Cause | None, names: Sequence[str] | None = None) -> str:
-    """What an alarm is explained by that is no failure."""
+    """Describe a cause of an alarm that is not a failure; None is a slow disturbance."""
     if cause is None:
-        return "something slow"
+        return "a slow disturbance"
     if cause.kind == "offset":
         return f"an offset of {_name(cause.actuator, names)}"
-    whole = {"supply": "what all commands do", "scale": "the sensors' scale"}
-    return f"a change of {whole[cause.kind]}"
+    shared = {"supply": "the gain of all commands", "scale": "the scale of all sensors"}
+    return f"a change of {shared[cause.kind]}"
 
 
 def _name(actuator: int, names: Sequence[str] | None) -> str:
@@ -153,21 +157,21 @@ class Supervisor:
     """Controller of any mechanism that diagnoses actuator failures and is reconfigured.
 
     Attributes:
-        goal: While all actuators work.
-        controller: For a goal, failures that it knows included.
-        monitor: Of the sound machine, with the frequency of the dither in its `config`.
-        is_possible: Whether the major task can still be done in spite of these faults.
-        task: Linear model of the sound machine to the major task; None: the monitor's model, whose
-            first outputs it is.
-        unused: As of :func:`goal_after`.
-        dither: Secondary motion by which failures are told apart; None is none.
-        watched: What the diagnosis looks at, where the controller estimates the pose and has found
-            these faults; None: the major task, then the displacements, as many as the monitor's
-            model has outputs.
-        estimate: The major task (m1,) by the encoders alone, near an estimated pose, for a time
-            when its own sensor is lost; None: the commands are held.
-        sensor_check: When readings of the task are usable; None is :class:`.SensorCheck` as it is,
-            which is that of the encoders, where they are used.
+        goal: Goal while all actuators work.
+        controller: Function that returns the controller for a goal with its known failures.
+        monitor: Monitor of the healthy machine, with the frequency of the dither in its `config`.
+        is_possible: Function that returns whether the major task can be done with these faults.
+        task: Linear model of the healthy machine to the major task; None: the monitor's model,
+            whose first outputs are the major task.
+        unused: Argument `unused` of :func:`goal_after`.
+        dither: Secondary motion that separates failures; None: no dither.
+        diagnosis_outputs: Function from a measurement, the estimated pose and the diagnosed faults
+            to the outputs of the monitor's model; None: the major task, then the displacements, as
+            many as the model has outputs.
+        estimate: Function from a measurement and the estimated pose to the major task (m1,) by the
+            encoders, used while its own sensor is lost; None: the commands are held.
+        sensor_check: Check of the readings of the task; None is the default :class:`.SensorCheck`,
+            which is also that of the encoders.
     """
 
     goal: Goal
@@ -177,18 +181,18 @@ class Supervisor:
     task: NominalModel | None = None
     unused: Unused = "free"
     dither: Dither | None = None
-    watched: Callable[[Measurement, Any, tuple[Fault, ...]], Array] | None = None
+    diagnosis_outputs: Callable[[Measurement, Any, tuple[Fault, ...]], Array] | None = None
     estimate: Callable[[Measurement, Any], Array] | None = None
     sensor_check: SensorCheck | None = None
 
     def __repr__(self) -> str:
-        """One line, for interactive use."""
+        """Return one line for interactive use."""
         nominal = self.monitor.nominal
         names = ", ".join(nominal.names or (f"{nominal.actuators} actuators",))
         return f"<Supervisor of {names}>"
 
     def __post_init__(self) -> None:
-        for name in ("controller", "is_possible", "watched", "estimate"):
+        for name in ("controller", "is_possible", "diagnosis_outputs", "estimate"):
             function = getattr(self, name)
             if function is not None or name in ("controller", "is_possible"):
                 check.function(name, function)
@@ -211,23 +215,23 @@ class Supervisor:
 
     @cached_property
     def first(self) -> PrioritizedController[Any]:
-        """The controller of the sound machine."""
+        """Controller of the healthy machine."""
         return check.instance("controller(goal)", self.controller(self.goal), PrioritizedController)
 
     def reconfigured(self, diagnoses: Sequence[Diagnosis]) -> PrioritizedController[Any]:
-        """The controller that knows of these failures."""
+        """Return the controller for these failures."""
         known = goal_after(self.goal, diagnoses, self.monitor.nominal, self.unused)
         return self.controller(with_margin(known, self.goal))
 
     def secondary(self, time_s: float) -> Array:
-        """Reference (n,) of the secondary goal at a time of the run."""
+        """Return the reference (n,) of the secondary goal at a time of the run [s]."""
         if self.dither is None:
             return np.zeros(self.monitor.nominal.actuators)
         return self.dither.at(time_s)
 
     @cached_property
     def _test_motion(self) -> Callable[[float], Array]:
-        """Command (n,) of actuators out of use at each time: one that works is seen by it."""
+        """Function of time [s] that returns the test commands (n,) of actuators out of use."""
         if self.dither is None:
             return self.secondary
         return replace(self.dither, amplitude=TEST_PART * self.dither.amplitude, offset=0.0).at
@@ -238,33 +242,35 @@ class Supervisor:
 
     @cached_property
     def _checks(self) -> tuple[SensorCheck, SensorCheck]:
-        """Of the task, and of the encoders."""
+        """Checks of the task's sensor and of the encoders."""
         usual = SensorCheck(self.first.period_s)
         return usual if self.sensor_check is None else self.sensor_check, usual
 
     @cached_property
     def _rows(self) -> int:
-        """Number of rows of the major task."""
-        return len(self.first.mapping.nothing().demand)
+        """Number of rows m1 of the major task."""
+        return len(self.first.mapping.initial_command().demand)
 
     def start(self) -> SupervisorState:
-        """State at rest at the nominal pose, without known failures."""
+        """Return the state at rest at the nominal pose, without known failures."""
         of_task, of_encoders = self._checks
-        used = self.watched or self.estimate or len(self.monitor.nominal.noise) > self._rows
+        more = len(self.monitor.nominal.noise) > self._rows
+        used = self.diagnosis_outputs or self.estimate or more
         encoders = of_encoders.start(self.first.mapping.actuators if used else 0)
-        sensors, watch = Sensors(of_task.start(self._rows), encoders), self.monitor.start()
-        return SupervisorState(self.first.start(), 0, self.first, watch, self.monitor, sensors)
+        sensors = Sensors(of_task.start(self._rows), encoders)
+        start = self.first.start(), 0, self.first, self.monitor.start(), self.monitor, sensors
+        return SupervisorState(*start)
 
     def calibrated(self, state: SupervisorState) -> "Supervisor":
-        """The supervisor that begins with what another run has learned of the same machine.
+        """Return the supervisor calibrated by the final state of another run of the same machine.
 
-        It need not take its first samples for those of a sound machine.
+        It starts testing at once, instead of learning the spectrum from its first samples.
 
         Raises:
-            ValueError: That run had a failure, or ended before anything was learned.
+            ValueError: That run had a failure, or ended before the spectrum was learned.
         """
-        observer = check.instance("state", state, SupervisorState).watch.observer
-        if state.diagnoses or state.watch.relearns or state.is_learning:
+        observer = check.instance("state", state, SupervisorState).monitor_state.observer
+        if state.diagnoses or state.monitor_state.relearns or state.is_learning:
             raise ValueError(
                 "state must be of a run without a failure, longer than "
                 f"{LEARNING_S:g} s, got: {state.status}"
@@ -272,13 +278,13 @@ class Supervisor:
         return replace(self, monitor=replace(self.monitor, calibration=observer))
 
     def transfer(self, state: SupervisorState | ControllerState[Any]) -> SupervisorState:
-        """The state of another pilot of the machine, so that this one continues without a step.
+        """Return the state with which this supervisor continues another controller without a step.
 
-        What a supervisor believes stays, though its goal was another one. A controller alone
-        believes nothing: the diagnosis then begins to learn what the machine is like.
+        The diagnoses of another supervisor remain, even if its goal differs. After a controller
+        without diagnosis, the monitor starts learning.
         """
         if isinstance(state, SupervisorState):
-            current, controller = self._transferred(state, state.standing)
+            current, controller = self._transferred(state, state.active_diagnoses)
             return replace(state, current=current, controller=controller)
         return replace(self.start(), controller=self.first.transfer(state))
 
@@ -290,36 +296,36 @@ class Supervisor:
         *,
         feedforward: Array | None = None,
     ) -> SupervisorState:
-        """One control tick: first the sensors, then the diagnosis, then the control.
+        """Advance by one control tick: check sensors, diagnose, then control.
 
-        Without a usable reading of the task the commands and the controller's state stay as they
-        are, unless the encoders give an estimate; the diagnosis goes on without what is missing:
-        what is no numbers, or masked.
+        Without a usable reading of the task, commands and controller state are held, unless the
+        encoders give an estimate. The diagnosis continues without missing (non-numeric or masked)
+        readings.
         """
         check.instance("state", state, SupervisorState)
         reference = check.array("reference", reference, self._rows)
         if feedforward is not None:
             feedforward = check.array("feedforward", feedforward, self._rows)
-        measurement = in_numbers(measurement, self._rows, self.first.mapping.actuators)
+        measurement = numeric_measurement(measurement, self._rows, self.first.mapping.actuators)
         ticks, is_sample = state.ticks + 1, state.ticks % state.monitor.ticks == 0
         commanded = self.first.drives.displacements(state.inputs)
         estimable = self.estimate is not None
         read = measurement, state.inputs, *self._checks
         sensors = state.sensors.after(*read, estimable=estimable)
-        measured = self._seen(state, measurement, sensors)
-        watch = state.monitor.step(state.watch, measured, commanded)
+        measured = self._readings(state, measurement, sensors)
+        monitor_state = state.monitor.step(state.monitor_state, measured, commanded)
         if is_sample:
             ahead = round(_AHEAD_S / (state.monitor.ticks * self.first.period_s))
             state = changed(state, references=(reference, *state.references[:ahead]))
             if feedforward is not None:
                 state = changed(state, feedforward=(feedforward, *state.feedforward[:ahead]))
-        if watch.diagnosis is not state.watch.diagnosis:
-            state = self._reconfigured(state, watch, commanded, measurement)
-            watch = state.watch
+        if monitor_state.diagnosis is not state.monitor_state.diagnosis:
+            state = self._reconfigured(state, monitor_state, commanded, measurement)
+            monitor_state = state.monitor_state
         elif is_sample and state.current.mapping.goal.effectiveness:
-            state = self._followed(state, watch)
+            state = self._rescaled(state, monitor_state)
         if not (sensors.task.usable or sensors.estimates):
-            return changed(state, watch=watch, sensors=sensors, ticks=ticks)
+            return changed(state, monitor_state=monitor_state, sensors=sensors, ticks=ticks)
         if self.estimate is not None and sensors.estimates:
             estimated = self.estimate(measurement, state.pose)
             measurement = Measurement(estimated, measurement.displacement)
@@ -332,127 +338,133 @@ class Supervisor:
             feedforward=feedforward,
             unused_reference=self._test_motion(time_s),
         )
-        return changed(state, watch=watch, sensors=sensors, controller=controller, ticks=ticks)
+        return changed(
+            state, monitor_state=monitor_state, sensors=sensors, controller=controller, ticks=ticks
+        )
 
-    def _seen(
+    def _readings(
         self, state: SupervisorState, measurement: Measurement, sensors: Sensors
     ) -> Array | None:
-        """What the diagnosis looks at; None where any of it is missing."""
+        """Return the outputs for the diagnosis, or None if any reading is missing."""
         new = sensors.task.new
-        if not sensors.encoders.new or not (new or self.watched):
+        if not sensors.encoders.new or not (new or self.diagnosis_outputs):
             return None
-        if self.watched is None:
-            every = np.concatenate([measurement.output, measurement.displacement])
-            return every[: len(self.monitor.nominal.noise)]
-        faults = tuple(each.fault for each in state.standing)
+        if self.diagnosis_outputs is None:
+            readings = np.concatenate([measurement.output, measurement.displacement])
+            return readings[: len(self.monitor.nominal.noise)]
+        faults = tuple(diagnosis.fault for diagnosis in state.active_diagnoses)
         if new:
-            return self.watched(measurement, state.pose, faults)
-        alone = Measurement(np.full(self._rows, np.nan), measurement.displacement)
-        measured = self.watched(alone, state.pose, faults)
+            return self.diagnosis_outputs(measurement, state.pose, faults)
+        encoders_only = Measurement(np.full(self._rows, np.nan), measurement.displacement)
+        measured = self.diagnosis_outputs(encoders_only, state.pose, faults)
         return measured if np.isfinite(measured).all() else None
 
     def _reconfigured(
         self,
         state: SupervisorState,
-        watch: MonitorState,
+        monitor_state: MonitorState,
         commanded: Array,
         measurement: Measurement,
     ) -> SupervisorState:
-        """State after a change of the diagnosis to that of `watch`; compensators unchanged."""
-        known, found = state.watch.diagnosis, watch.diagnosis
-        state, stays = replace(state, watch=watch), (state.current, state.controller)
-        # Another actuator, or none, is named now; another kind is a revision.
-        if known is not None and (found is None or found.fault.actuator != known.fault.actuator):
-            state = replace(state, withdrawn=(*state.withdrawn, (known, state.ticks)))
-            if known.is_acted_on:
-                sure = [each for each in state.standing if each.confirmed]
-                stays = self._transferred(state, sure)
-                lost = state.task_lost and not self.is_possible([each.fault for each in sure])
+        """Return the state after a change of the diagnosis to that of `monitor_state`."""
+        previous, diagnosis = state.monitor_state.diagnosis, monitor_state.diagnosis
+        present = state.current, state.controller
+        state = replace(state, monitor_state=monitor_state)
+        # The diagnosis is withdrawn unless only its kind is revised.
+        isolated = None if diagnosis is None else diagnosis.fault.actuator
+        if previous is not None and previous.fault.actuator != isolated:
+            state = replace(state, withdrawn=(*state.withdrawn, (previous, state.ticks)))
+            if previous.is_acted_on:
+                certain = [entry for entry in state.active_diagnoses if entry.confirmed]
+                present = self._transferred(state, certain)
+                lost = state.task_lost and not self.is_possible([entry.fault for entry in certain])
                 state = replace(state, task_lost=lost)
-        goes, refused = stays, None
-        if found is not None:
-            state = replace(state, diagnoses=(*state.diagnoses, found))
-        if found is not None and found.is_acted_on:
-            believed = state.standing
-            faults = [each.fault for each in believed]
-            can = self.is_possible(faults)
-            # The present controller goes on then: to stand still is worse, and names may be wrong.
-            state = replace(state, task_lost=found.confirmed and not can)
-            if can:
-                lost = lost_displacement(self.monitor.nominal, found, faults, commanded)
-                goes = self._transferred(state, believed, lost)
-                if self._pays(state, found, stays, goes, measurement):
-                    state = replace(state, acted=(*state.acted, found))
+        candidate, rejected = present, None
+        if diagnosis is not None:
+            state = replace(state, diagnoses=(*state.diagnoses, diagnosis))
+        if diagnosis is not None and diagnosis.is_acted_on:
+            active = state.active_diagnoses
+            faults = [entry.fault for entry in active]
+            possible = self.is_possible(faults)
+            # Otherwise the present controller continues: the diagnosis may be wrong.
+            state = replace(state, task_lost=diagnosis.confirmed and not possible)
+            if possible:
+                lost = lost_displacement(self.monitor.nominal, diagnosis, faults, commanded)
+                candidate = self._transferred(state, active, lost)
+                if self._should_switch(state, diagnosis, present, candidate, measurement):
+                    state = replace(state, acted=(*state.acted, diagnosis))
                 else:
-                    goes, refused = stays, found
-        current, controller = goes
-        state = replace(state, current=current, controller=controller, refused=refused)
-        if found is None or not found.confirmed:
+                    candidate, rejected = present, diagnosis
+        current, controller = candidate
+        state = replace(state, current=current, controller=controller, rejected=rejected)
+        if diagnosis is None or not diagnosis.confirmed:
             return state
-        state = replace(state, confirmed=(*state.confirmed, found))
-        monitor, watch = state.monitor.believing(state.watch)
-        return replace(state, monitor=monitor, watch=watch)
+        state = replace(state, confirmed=(*state.confirmed, diagnosis))
+        monitor, monitor_state = state.monitor.with_diagnosis(state.monitor_state)
+        return replace(state, monitor=monitor, monitor_state=monitor_state)
 
-    def _followed(self, state: SupervisorState, watch: MonitorState) -> SupervisorState:
-        """State in which weak actuators are driven by the inverse of the most that they may have.
+    def _rescaled(self, state: SupervisorState, monitor_state: MonitorState) -> SupervisorState:
+        """Return the state with weak actuators scaled by the largest effectiveness they may have.
 
-        So that none ever does more than a sound one: what evidence is older than, or an alarm calls
-        in question, is given up before anything else is known.
+        No actuator then does more than a healthy one: an estimate that is outdated, or called in
+        question by an alarm, is increased before its successor is known.
         """
-        strongest, confirmed = dict(state.monitor.observer.strongest(watch.observer)), []
+        strongest, confirmed = dict(state.monitor.observer.strongest(monitor_state.observer)), []
         driven = state.current.mapping.goal.effectiveness
-        known = {each.actuator: each.effectiveness for each in state.monitor.observer.weak}
-        for each in state.confirmed:
-            fault, k = each.fault, each.fault.actuator
-            if k in driven and k in known and fault.kind == "weak" and not fault.is_sound:
-                most = min(max(strongest[k], known[k]), _NEARLY_ALL)
+        estimates = {entry.actuator: entry.effectiveness for entry in state.monitor.observer.weak}
+        for entry in state.confirmed:
+            fault, k = entry.fault, entry.fault.actuator
+            if k in driven and k in estimates and fault.kind == "weak" and not fault.is_healthy:
+                most = min(max(strongest[k], estimates[k]), _NEARLY_ALL)
                 if abs(most - fault.effectiveness) > EFFECTIVENESS_STEP:
-                    each = replace(each, fault=replace(fault, effectiveness=most))
-            confirmed.append(each)
+                    entry = replace(entry, fault=replace(fault, effectiveness=most))
+            confirmed.append(entry)
         if tuple(confirmed) == state.confirmed:
             return state
         state = replace(state, confirmed=tuple(confirmed))
-        current, controller = self._transferred(state, state.standing)
-        if watch.evidence is not None or watch.alarm_ticks != state.watch.alarm_ticks:
-            # What moved may be what was commanded more: that is taken back at once.
+        current, controller = self._transferred(state, state.active_diagnoses)
+        is_new = monitor_state.alarm_ticks != state.monitor_state.alarm_ticks
+        if monitor_state.evidence is not None or is_new:
+            # The larger command may have caused the alarm: it is withdrawn without a transfer.
             controller = state.controller
         return replace(state, current=current, controller=controller)
 
     def _transferred(
         self,
         state: SupervisorState,
-        believed: Sequence[Diagnosis],
+        diagnoses: Sequence[Diagnosis],
         lost_displacements: Array | None = None,
-    ) -> _Pilot:
-        """The controller for these diagnoses, and its state if it took over now."""
-        believed = [_in_use(each) for each in believed]
-        current = self.reconfigured(believed)
+    ) -> _StatefulController:
+        """Return the controller for these diagnoses, and its state after a transfer now."""
+        diagnoses = [_in_use(diagnosis) for diagnosis in diagnoses]
+        current = self.reconfigured(diagnoses)
         acting, keeps = np.zeros((2, self.first.mapping.actuators))
         if lost_displacements is not None:
-            # One that the others carry loses nothing when its force is gone.
+            # A free actuator that follows the others keeps its displacement.
             lost_displacements[list(current.mapping.goal.free)] = 0.0
-        for each in believed:
-            acting[each.fault.actuator] = static_share(self.monitor.nominal, each.fault)
-            keeps[each.fault.actuator] = each.fault.kind == "locked"
-        owed = lost_displacements, acting, keeps
-        test = self._test_motion(state.ticks * self.first.period_s)
-        return current, current.transfer(state.controller, *owed, unused_reference=test)
+        for diagnosis in diagnoses:
+            acting[diagnosis.fault.actuator] = static_share(self.monitor.nominal, diagnosis.fault)
+            keeps[diagnosis.fault.actuator] = diagnosis.fault.kind == "locked"
+        arguments = lost_displacements, acting, keeps
+        test_command = self._test_motion(state.ticks * self.first.period_s)
+        controller = current.transfer(state.controller, *arguments, unused_reference=test_command)
+        return current, controller
 
-    def _pays(
+    def _should_switch(
         self,
         state: SupervisorState,
-        found: Diagnosis,
-        stays: _Pilot,
-        goes: _Pilot,
+        diagnosis: Diagnosis,
+        present: _StatefulController,
+        candidate: _StatefulController,
         measurement: Measurement,
     ) -> bool:
-        """Whether to go over is not expected to cost much more than to stay."""
-        verdict, monitor = state.watch.verdict, state.monitor
-        if verdict is None or not np.isfinite(measurement.output).all():
+        """Return whether the expected error after a switch is acceptable."""
+        decision, monitor = state.monitor_state.decision, state.monitor
+        if decision is None or not np.isfinite(measurement.output).all():
             return True
         ticks = state.ticks + np.arange(len(state.references) * monitor.ticks)
         times_s = (ticks * self.first.period_s).tolist()
-        outlook = Outlook(
+        prediction = ErrorPrediction(
             self._task,
             measurement.output,
             np.repeat(state.references, monitor.ticks, axis=0),
@@ -460,18 +472,19 @@ class Supervisor:
             np.array(list(map(self._test_motion, times_s))),
             np.repeat(state.feedforward, monitor.ticks, axis=0) if state.feedforward else None,
         )
-        named, certain = [each.fault for each in state.standing], found.actuator_confidence
-        right = Case(certain, named, verdict.x)
-        wrong = Case(1 - certain, monitor.faults, state.watch.observer.X[0])
-        return outlook.goes_over(stays, goes, [right, wrong])
+        faults = [entry.fault for entry in state.active_diagnoses]
+        probability = diagnosis.actuator_confidence
+        isolated = Scenario(probability, faults, decision.x)
+        alternative = Scenario(1 - probability, monitor.faults, state.monitor_state.observer.X[0])
+        return prediction.should_switch(present, candidate, [isolated, alternative])
 
 
-def _in_use(found: Diagnosis) -> Diagnosis:
-    """The diagnosis; of one too weak to be used by less than its estimate may be off, as if used.
+def _in_use(diagnosis: Diagnosis) -> Diagnosis:
+    """Return the diagnosis, with an effectiveness slightly below `WEAKEST` raised to it.
 
-    Nothing is taken out of use, nor given back, because an estimate is revised a little.
+    Small revisions of an estimate then neither take an actuator out of use nor put it back.
     """
-    fault = found.fault
+    fault = diagnosis.fault
     if fault.kind != "weak" or not WEAKEST - EFFECTIVENESS_STEP < fault.effectiveness < WEAKEST:
-        return found
-    return replace(found, fault=replace(fault, effectiveness=WEAKEST))
+        return diagnosis
+    return replace(diagnosis, fault=replace(fault, effectiveness=WEAKEST))

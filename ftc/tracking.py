@@ -1,7 +1,7 @@
 """Tracking of a major task by any mechanism: loops from its linear model, controllers for any goal.
 
-One compensator for each major row, as in Fig. 3 of the paper, and the mapping with the Jacobian of
-the estimated posture at every tick.
+The loop has one compensator for each major row, as in Fig. 3 of the paper, and the mapping uses the
+Jacobian of the estimated posture at every tick.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,50 +43,54 @@ from ftc.supervisor import Supervisor
 from prioritized import ConstrainedSystem, Kinematics, Manipulability
 
 _DECAYS = 1e-9
-"""Part of its frequency below which the decay of a motion is round-off."""
+"""Decay rate of a mode, relative to its frequency, below which it is round-off."""
 _SINGULAR, _NEARLY_SINGULAR = 1e-6, 1e-3
-"""Parts of the largest singular value of the major rows: demands would lose their digits, and a
-hint where no loop can be closed."""
+"""Relative singular values of the major rows: below the first the task is rejected; below the
+second the posture is the explanation if no loop can be closed."""
 _HANDOVER_S = 0.5
-"""In which the secondary motion of a former mapping fades."""
+"""Time in which the secondary motion of a previous mapping fades out [s]."""
 _GROWS = 1e-3
-"""How much more than in continuous time a motion may grow in a control period of physics steps."""
+"""Largest relative growth per control period that the integration steps may add."""
 
 Sense = Literal["task", "joints", "both"]
-"""What the diagnosis looks at: a sensor of the major task, encoders of the actuators, or both. The
-major task is measured, or with encoders alone computed from them."""
+"""Sensors of the diagnosis: a sensor of the major task, encoders of the actuators, or both. With
+encoders alone the major task is computed from them."""
 
 
 class TaskLost(ValueError):
-    """The mechanism cannot do the major task, or its loops cannot be closed; says why.
+    """Error raised if a mechanism cannot do the major task or its loops cannot be stabilized.
 
     Attributes:
-        elsewhere: Whether other rows or another pose help, which the message then does not say.
+        needs_other_task: Whether only other major rows or another pose help; the message does not
+            mention this remedy.
     """
 
-    def __init__(self, why: str, *, elsewhere: bool = False) -> None:
-        """With a reason, and what helps against it unless that is another task."""
+    def __init__(self, why: str, *, needs_other_task: bool = False) -> None:
+        """Set the message: the reason, and the remedy unless it is another task."""
         super().__init__(why)
-        self.elsewhere = elsewhere
+        self.needs_other_task = needs_other_task
 
 
 @dataclass(frozen=True)
 class Tracking:
-    """How a mechanism tracks its major task, made by :func:`tracking`; arrays are read-only.
+    """Control design of a mechanism for its major task, made by :func:`tracking`.
 
     Attributes:
-        model: The controller's own, of the mechanism.
+        model: Controller's model of the mechanism.
         nominal: Linear model of the plant to the major rows, with the noise of their measurement.
-        major: Rows of the task, each with a compensator, of `loops`.
-        margins: Of each loop, the others open.
-        goal: While all actuators work.
-        limits: Lower and upper displacements of the actuators, (n,) each; None is none.
-        springs: Whether springs hold what the loops of the mechanism leave free.
-        sense: What the diagnosis looks at.
-        encoder_noise: Standard deviations (n,) of one sample of the displacements, where the
-            diagnosis looks at these; else None.
-        feedforward: Whether the reference itself is demanded, and the compensators add to it.
-        unused: What an actuator without force counts as, as in :func:`ftc.goal_after`.
+        major: Rows of the major task.
+        loops: Compensator of each major row.
+        margins: Stability margins of each loop with the others open.
+        goal: Goal while all actuators work.
+        limits: Lower and upper displacements of the actuators, (n,) each; None is no limit.
+        springs: Whether springs determine the motions that closed loops leave free.
+        sense: Sensors of the diagnosis.
+        encoder_noise: Standard deviations (n,) of one sample of the displacements if the diagnosis
+            uses encoders, else None.
+        unused: Model of an actuator without force, as in :func:`ftc.goal_after`.
+        feedforward: Whether the reference is added to the demands of the compensators.
+
+    Arrays are read-only.
     """
 
     model: MechanismModel[Any]
@@ -103,18 +107,18 @@ class Tracking:
     feedforward: bool = True
 
     def __post_init__(self) -> None:
-        kept: dict[str, Any] = {"loops": channels("loops", self.loops, len(self.major))}
+        checked: dict[str, Any] = {"loops": channels("loops", self.loops, len(self.major))}
         if self.limits is not None:
-            kept["limits"] = check.limits("limits", self.limits, self.nominal.actuators)
+            checked["limits"] = check.limits("limits", self.limits, self.nominal.actuators)
         if self.encoder_noise is not None:
-            kept["encoder_noise"] = check.frozen(self.encoder_noise)
+            checked["encoder_noise"] = check.frozen(self.encoder_noise)
         check.choice("unused", self.unused, get_args(Unused))
         check.flag("feedforward", self.feedforward)
-        vars(self).update(kept)
+        vars(self).update(checked)
 
     @cached_property
     def system(self) -> ConstrainedSystem:
-        """The mechanism in the nominal posture, without failures."""
+        """Mechanism in the nominal posture, without failures."""
         return MechanismGeometry(self.model, springs=self.springs).system
 
     @cached_property
@@ -122,8 +126,8 @@ class Tracking:
         return self.system.kinematics()
 
     @cached_property
-    def watched(self) -> NominalModel:
-        """Linear model of the plant to what the diagnosis looks at: task rows, then encoders."""
+    def diagnosis_model(self) -> NominalModel:
+        """Linear model of the plant to the sensors of the diagnosis: task rows, then encoders."""
         if self.encoder_noise is None:
             return self.nominal
         C, noise = self.nominal.displacement, self.encoder_noise
@@ -133,11 +137,11 @@ class Tracking:
         return self.nominal.measured(C, noise)
 
     def mapping(self, goal: Goal) -> PrioritizedMapping[Any]:
-        """The mapping for a goal, failures that it knows included."""
+        """Return the mapping for a goal with its known failures."""
         return mapping_for(self.model, goal, self.major, self.limits, springs=self.springs)
 
     def controller(self, goal: Goal) -> PrioritizedController[Any]:
-        """The controller for a goal, failures that it knows included."""
+        """Return the controller for a goal with its known failures."""
         return PrioritizedController(
             self.loops,
             self.mapping(goal),
@@ -150,7 +154,7 @@ class Tracking:
     def supervisor(
         self, config: FdiConfig = DEFAULT_CONFIG, dither: Dither | None = None
     ) -> Supervisor:
-        """A controller that diagnoses failures and reconfigures itself; None is no dither."""
+        """Return a controller that diagnoses failures and reconfigures itself."""
         check.instance("config", config, FdiConfig)
         if dither is not None:
             hz = check.instance("dither", dither, Dither).frequency_hz
@@ -158,63 +162,65 @@ class Tracking:
         return Supervisor(
             self.goal,
             self.controller,
-            monitor(self.watched, config=config),
-            self._can,
+            monitor(self.diagnosis_model, config=config),
+            self._is_possible,
             self.nominal,
             self.unused,
             dither,
-            watched=self._seen,
+            diagnosis_outputs=self._linearized,
             estimate=None if self.sense == "task" else self._estimate,
         )
 
-    def _can(self, faults: Sequence[Fault]) -> bool:
-        """Whether the major task can be done in spite of these faults."""
+    def _is_possible(self, faults: Sequence[Fault]) -> bool:
+        """Return whether the major task can be done with these faults."""
         return is_possible(self.classified(faults))
 
     def _estimate(self, measurement: Measurement, near: Any) -> Array:
-        """The major task by the forward kinematics of the encoders, from a posture near by."""
+        """Return the major task (m1,) by forward kinematics of the encoders near a posture."""
         posture = self._at(measurement.displacement, near)
         return self.model.task(posture)[list(self.major)]
 
     def _at(self, displacement: Array, near: Any) -> Any:
-        """The posture near another at which the encoders read these displacements (n,)."""
+        """Return the posture near another one at which the encoders read displacements (n,)."""
         return self.model.moved(near, displacement, np.arange(len(displacement)))
 
-    def _seen(self, measurement: Measurement, commanded: Any, faults: tuple[Fault, ...]) -> Array:
-        """Readings of the sensors as if task and closed loops were linear in the displacements.
+    def _linearized(
+        self, measurement: Measurement, commanded: Any, faults: tuple[Fault, ...]
+    ) -> Array:
+        """Return the sensor readings minus the nonlinearity of the task and of closed loops.
 
-        What the curvature adds where the encoders say that the actuators are is taken off, so that
-        larger motions are not mistaken for failures; the commanded posture is ahead of the one that
-        servos have reached.
+        It is computed at the encoder readings, so that large motions are not mistaken for failures;
+        the commanded posture would be ahead of the one that servos have reached.
         """
         model, rows, displacement = self.model, self.major, measurement.displacement
         if self.sense == "joints" and not len(self._kinematics.active_constraint):
             return displacement
         posture = self._at(displacement, commanded)
-        curved = model.displacements(posture)
+        displaced = model.displacements(posture)
         if faults not in self._linear:
             allowed = self._allowed(faults)
             self._linear[faults] = self._kinematics.J[list(rows)] @ allowed, allowed
         J_m, allowed = self._linear[faults]
-        seen = []
+        outputs = []
         if self.sense != "joints":
-            seen.append(measurement.output - (model.task(posture).take(rows) - J_m.dot(curved)))
+            curvature = model.task(posture).take(rows) - J_m.dot(displaced)
+            outputs.append(measurement.output - curvature)
         if self.sense != "task":
-            seen.append(displacement - (curved - allowed.dot(curved)))
-        return np.concatenate(seen)
+            outputs.append(displacement - (displaced - allowed.dot(displaced)))
+        return np.concatenate(outputs)
 
     @cached_property
     def _linear(self) -> dict[tuple[Fault, ...], tuple[Array, Array]]:
-        """Of faults the major rows per displacement, as the loops allow it, and what they allow.
+        """Cache by faults: major task per displacement, and projector onto the admissible motions.
 
-        They change a few times in a run, and are asked for at every tick.
+        The faults change a few times in a run; the entries are used at every tick.
         """
         return {}
 
     def _allowed(self, faults: tuple[Fault, ...]) -> Array:
-        """Projector (n, n) onto displacements that the closed loops allow, as the plant has it.
+        """Return the projector (n, n) onto the displacements that closed loops admit.
 
-        Servos share out by their stiffness what strains the loops; locked actuators stand.
+        The servos deform according to their stiffness; locked actuators do not move.
         """
         n, constraint = self.nominal.actuators, self._kinematics.active_constraint
         if not len(constraint):
@@ -223,13 +229,13 @@ class Tracking:
         stuck = [fault.actuator for fault in faults if fault.kind == "locked"]
         locked[stuck, stuck] = 1.0
         N = scipy.linalg.null_space(constraint)
-        standing = N @ np.linalg.pinv(locked @ N) @ locked
+        from_locked = N @ np.linalg.pinv(locked @ N) @ locked
         moving = scipy.linalg.null_space(np.vstack([constraint, locked]))
         shared = np.linalg.lstsq(moving.T @ gain @ moving, moving.T @ gain, rcond=None)[0]
-        return standing + moving @ shared @ (np.eye(n) - standing)
+        return from_locked + moving @ shared @ (np.eye(n) - from_locked)
 
     def classified(self, faults: Sequence[Fault] = ()) -> Manipulability:
-        """What the actuators that are left can do in the nominal posture, section 2.2."""
+        """Classify the mechanism with these faults in the nominal posture, section 2.2."""
         failed = by_kind(of_actuators(faults, self.nominal.actuators))
         kinematics = self.system.with_failures(**failed).kinematics()
         return kinematics.manipulability(list(self.major))
@@ -248,28 +254,27 @@ def tracking(
     sense: Sense = "task",
     **options: Any,
 ) -> Tracking:
-    """Close the loops of a mechanism on its major task.
+    """Design the control loops of a mechanism for its major task.
 
     Args:
-        model: The controller's own, such as `sim.Mechanism`.
-        linear: The sound plant about the same pose, with A, B, C_twist and C_active, such as
+        model: Controller's model of the mechanism, such as `sim.Mechanism`.
+        linear: Healthy plant about the same pose, with A, B, C_twist and C_active, such as
             `sim.Plant.linear()`.
         major: Rows of the twist.
         noise: Standard deviation of one sample of each major row, or with `sense="joints"` of each
-            actuator's displacement, or with "both" of these one after the other: a number, or one
-            each.
-        period_s: Between control ticks.
-        step_s: Integration step of the plant; the control period of a real one.
-        goal: For which the loops are designed, all actuators sound.
+            actuator's displacement, or with "both" of both in this order: one number or an array.
+        period_s: Control period [s].
+        step_s: Integration step of the plant [s]; the control period of a real one.
+        goal: Goal of the loop design, with all actuators healthy.
         crossover_hz: Gain crossover of all rows, below half the control frequency; None: the
-            highest that leaves them well damped.
-        sense: What the diagnosis looks at.
+            highest one with well-damped loops.
+        sense: Sensors of the diagnosis.
         options: `limits`, `springs`, `unused` and `feedforward` of :class:`Tracking`, and
             `implicit_damping` and `names` of :class:`ftc.fdi.fault_model.NominalModel`.
 
     Raises:
-        TaskLost: The actuators cannot do the major task, something drifts that they do not hold, or
-            no crossover leaves the loops stable.
+        TaskLost: The actuators cannot do the major task, an uncontrolled motion drifts, or no
+            crossover gives stable loops.
     """
     n, m = _checked_plant(linear)
     rows = tuple(check.indices("major", major, m).tolist())
@@ -285,14 +290,15 @@ def tracking(
     report = kinematics.manipulability(list(rows))
     if not is_possible(report):
         raise TaskLost(
-            f"the actuators cannot do the major task: {deciding_sentence(report)}", elsewhere=True
+            f"the actuators cannot do the major task: {deciding_sentence(report)}",
+            needs_other_task=True,
         )
     J_m = kinematics.J[list(rows)]
     if singular := _singular(J_m, rows, _SINGULAR):
         raise TaskLost(singular)
     C = linear.C_twist[list(rows)]
     sigma, encoders = _deviations(noise, sense, len(rows), n)
-    if sense == "joints":  # by forward kinematics: loops average the noise out
+    if sense == "joints":  # by forward kinematics: closed loops average the noise
         tied = kinematics.active_constraint
         sigma = np.linalg.norm((J_m - J_m @ np.linalg.pinv(tied) @ tied) * encoders, axis=1)
     gain = mapping_for(model, goal, rows, springs=springs).major_gain()
@@ -301,7 +307,7 @@ def tracking(
     def hindrance() -> str:
         return _singular(J_m, rows, _NEARLY_SINGULAR) or _slowest_mode(linear)
 
-    loops, each = _loops(plant, rows, period_s, crossover_hz, hindrance)
+    loops, row_margins = _loops(plant, rows, period_s, crossover_hz, hindrance)
     loads = ("feedback", "holding", "spring", "preload", "friction")
     nominal = NominalModel(
         plant=control.ss(linear.A, linear.B, C, 0),
@@ -315,8 +321,9 @@ def tracking(
     )
     if overshoots := _overshooting(nominal, linear):
         raise TaskLost(overshoots)
-    known = {"goal": goal, "sense": sense, "encoder_noise": None if sense == "task" else encoders}
-    return Tracking(model, nominal, rows, loops, each, **(known | options))
+    encoder_noise = None if sense == "task" else encoders
+    settings = {"goal": goal, "sense": sense, "encoder_noise": encoder_noise}
+    return Tracking(model, nominal, rows, loops, row_margins, **(settings | options))
 
 
 def _loops(
@@ -326,9 +333,9 @@ def _loops(
     crossover_hz: float | None,
     hindrance: Callable[[], str],
 ) -> tuple[tuple[Compensator, ...], tuple[Margins, ...]]:
-    """Compensators of all rows, and margins of each row.
+    """Design the compensators of all rows; return them and the margins of each row.
 
-    `hindrance` says why the rows have no stable loops: a singular posture, or the slowest mode.
+    `hindrance` returns the reason of a failure: a singular posture, or the slowest mode.
     """
     try:
         loops = compensators(plant, period_s, crossover_hz)
@@ -336,19 +343,19 @@ def _loops(
         if crossover_hz is None:
             raise TaskLost(f"{error}: {hindrance()}") from None
         raise TaskLost(
-            f"the loops would be unstable: {error}; without a crossover of yours the highest that "
-            "is stable is taken"
+            f"the loops would be unstable: {error}; without crossover_hz the highest stable "
+            "crossover is chosen"
         ) from None
     sampled = plant.sample(period_s, method="zoh")
-    each = tuple(margins(sampled[k, k] * loop.discrete) for k, loop in enumerate(loops))
-    for row, its in zip(rows, each, strict=True):
-        if not np.isfinite(its.crossover_hz):
+    row_margins = tuple(margins(sampled[k, k] * loop.discrete) for k, loop in enumerate(loops))
+    for row, margin in zip(rows, row_margins, strict=True):
+        if not np.isfinite(margin.crossover_hz):
             raise TaskLost(f"the loop of row {row} has no crossover: {hindrance()}")
-    return loops, each
+    return loops, row_margins
 
 
 def _checked_plant(linear: Any) -> tuple[int, int]:
-    """Actuators n and task rows m of a plant that has its matrices, finite and of one size."""
+    """Check the matrices of a plant; return its numbers of actuators n and task rows m."""
     check.attributes("linear", linear, "A", "B", "C_twist", "C_active")
     s = len(check.array("linear.A", linear.A, None, None))
     check.array("linear.A", linear.A, None, s)
@@ -358,15 +365,15 @@ def _checked_plant(linear: Any) -> tuple[int, int]:
 
 
 def _deviations(noise: ArrayLike, sense: Sense, rows: int, actuators: int) -> tuple[Array, Array]:
-    """Standard deviations of what is measured of the major rows, and of the actuators."""
+    """Check `noise`; return the standard deviations of the task rows and of the encoders."""
     check.choice("sense", sense, get_args(Sense))
     of_task, of_encoders = rows * (sense != "joints"), actuators * (sense != "task")
-    sensors, given = of_task + of_encoders, check.array("noise", noise)
-    if given.shape not in ((), (sensors,)) or (given <= 1 / check.LARGEST).any():
+    sensors, values = of_task + of_encoders, check.array("noise", noise)
+    if values.shape not in ((), (sensors,)) or (values <= 1 / check.LARGEST).any():
         raise ValueError(
             f"noise must be one positive number or {sensors}, got {check.shown(noise)}"
         )
-    sigma = np.full(sensors, given)
+    sigma = np.full(sensors, values)
     return sigma[:of_task], sigma[of_task:]
 
 
@@ -378,7 +385,7 @@ def mapping_for(
     *,
     springs: bool = False,
 ) -> PrioritizedMapping[Any]:
-    """The mapping of a mechanism with the Jacobian of its present posture; other rows secondary."""
+    """Return the mapping with the Jacobian of the present posture; other rows are secondary."""
     free = (*check.instance("goal", goal, Goal).free, *goal.spring_lost)
     geometry = MechanismGeometry(model, free, springs=springs)
     secondary = [row for row in range(len(geometry.system.J_T)) if row not in major]
@@ -387,29 +394,29 @@ def mapping_for(
 
 
 def is_possible(report: Manipulability) -> bool:
-    """Whether the major task is fully reachable, and no self-motion disturbs it."""
+    """Return whether the major task is fully reachable and not disturbed by self-motion."""
     return not report.unmanipulable and not report.unstable_major
 
 
 def _singular(J_m: Array, rows: tuple[int, ...], least: float) -> str:
-    """The row (m1, n) that hardly moves, less than that part of others, and what helps; or none."""
+    """Describe the row of J_m that the actuators hardly move and the remedy; "" without one."""
     U, moved, _ = np.linalg.svd(J_m)
     if moved[-1] >= least * moved[0]:
         return ""
     worst = rows[greatest(np.abs(U[:, -1]))]
     return (
-        f"the posture is nearly singular, as the actuators move row {worst} by "
-        f"{moved[-1] / moved[0]:.1g} of what they move others; begin at another pose, or leave it "
+        f"the posture is nearly singular: the actuators move row {worst} only "
+        f"{moved[-1] / moved[0]:.1g} times as far as others; start at another pose, or leave it "
         "out of the major rows"
     )
 
 
 def _slowest_mode(linear: Any) -> str:
-    """The motion of a plant that decays most slowly, or grows, and the joints that move in it."""
+    """Describe the mode of a plant that decays most slowly or grows, and its joints."""
     pole, motion = _mode(linear, np.real)
     hz, decay_per_s = abs(pole) / (2 * np.pi), -pole.real
     if decay_per_s < -_DECAYS * abs(pole):
-        return f"{motion} grows by {-decay_per_s:.2g} 1/s: stiffen what holds it (kp)"
+        return f"{motion} grows by {-decay_per_s:.2g} 1/s: increase its stiffness (kp)"
     decays = f"decays by {decay_per_s:.2g} 1/s only"
     if decay_per_s < _DECAYS * abs(pole):
         decays = "does not decay"
@@ -417,7 +424,7 @@ def _slowest_mode(linear: Any) -> str:
 
 
 def _overshooting(nominal: NominalModel, linear: Any) -> str:
-    """The motion that grows by the steps of the integration alone, and what helps; else empty."""
+    """Describe the mode that the integration steps destabilize and the remedy; "" if none does."""
     grows = np.abs(np.linalg.eigvals(fault_model(nominal).A)).max()
     exact = np.exp(np.linalg.eigvals(linear.A).real.max() * nominal.period_s)
     if grows <= max(exact, 1.0) * (1 + _GROWS):
@@ -431,15 +438,15 @@ def _overshooting(nominal: NominalModel, linear: Any) -> str:
 
 
 def _mode(linear: Any, size: Callable[[Array], Array]) -> tuple[complex, str]:
-    """The pole of a plant with the greatest size, and its motion in words."""
+    """Return the pole of a plant with the greatest `size` and a description of its mode."""
     poles, modes = np.linalg.eig(linear.A)
     worst = greatest(size(poles))
-    named = getattr(linear, "named", lambda y: ())(modes[: len(linear.A) // 2, worst])
-    return complex(poles[worst]), "a motion" + (f" of {', '.join(named)}" if named else "")
+    labels = getattr(linear, "moving_joints", lambda y: ())(modes[: len(linear.A) // 2, worst])
+    return complex(poles[worst]), "a motion" + (f" of {', '.join(labels)}" if labels else "")
 
 
 def deciding_sentence(report: Manipulability) -> str:
-    """Why the major task can be done, or what is in its way."""
+    """Return the sentences of the report that decide whether the major task can be done."""
     decide = ("unmanipulable", "unstable_major")
     against = [report.findings[name].sentence for name in decide if report.findings[name].holds]
     return " ".join(against) or report.findings["unmanipulable"].sentence

@@ -28,7 +28,7 @@ def main(folder: Path) -> None:
                 # Close the notice that the browser draws without a graphics card.
                 notice = page.page.get_by_role("alert").filter(has_text="Software WebGL")
                 notice.get_by_role("button").click()
-                start_s = page.until(lambda state: "believed sound" in state.supervised).clock_s
+                start_s = page.until(lambda state: "assumed healthy" in state.supervised).clock_s
                 page.make(actuator, fault)
                 page.until(lambda state, end=start_s + SINCE_S: state.clock_s > end)
                 page.page.screenshot(path=folder / f"{name}.png")

@@ -113,17 +113,17 @@ def supervised_columns(rig: Rig, case: Case, run: Run) -> Row:
         each.actuator in expected and at >= expected[each.actuator][0] for each, at in named
     ]
     first = next((k for k, (_, at) in enumerate(named) if at >= onset), None)
-    alarms = [each for each in state.watch.alarm_ticks if each >= tick]
-    standing = {rig.actuators[each.fault.actuator]: each for each in state.standing}
+    alarms = [each for each in state.monitor_state.alarm_ticks if each >= tick]
+    standing = {rig.actuators[each.fault.actuator]: each for each in state.active_diagnoses}
     last = next(((name, standing[name]) for name in expected if name in standing), None)
     row: Row = {
-        "alarms": len(state.watch.alarm_ticks),
-        "alarm_before": len(alarms) < len(state.watch.alarm_ticks),
+        "alarms": len(state.monitor_state.alarm_ticks),
+        "alarm_before": len(alarms) < len(state.monitor_state.alarm_ticks),
         "alarm_s": (alarms[0] - tick) * period_s if alarms else None,
-        "right": _is_cause(rig, case, state.watch.causes),
+        "right": _is_cause(rig, case, state.monitor_state.causes),
         "healthy_named": not all(are_right),
         "withdrawn": sum(each.withdrawn_s is not None for each in run.diagnoses),
-        "unexplained": state.watch.unexplained,
+        "unexplained": state.monitor_state.unexplained,
         "task_lost": run.task_lost,
         "lost_rightly": bool(failures) and is_lost(rig, failures),
         "report": run.status,
@@ -224,7 +224,7 @@ def informed(rig: Rig, case: Case, fault: Fault, displacement: float, late_s: fl
     acting[fault.actuator] = share
     if fault.kind != "locked" and late_s == 0:
         lost[fault.actuator] = (1 - share) * displacement
-    news = Diagnosis.told(fault, displacement)
+    news = Diagnosis.known(fault, displacement)
     after = rig.controller(goal_after(rig.goal, [news], rig.nominal, rig.unused))
     tick = tick_at(rig, case, case.happens_s) + round(late_s / rig.period_s)
     secondary = None if case.dither is None else case.dither.at
@@ -311,7 +311,7 @@ def informed_late(failure: Failure) -> list[Row]:
     for fault, late_s in news:
         stood = float(run.displacement[tick, fault.actuator])
         found = errors(rig, case, informed(rig, case, fault, stood, late_s), "told")
-        row = {"truth": fault_text(None if truth.is_sound else truth), "told": fault_text(fault)}
+        row = {"truth": fault_text(None if truth.is_healthy else truth), "told": fault_text(fault)}
         row |= {"late_s": late_s, "rms_told_nothing_after": nothing}
         kept = ("peak_told_during", "rms_told_after", "peak_told_after")
         rows.append(row | {key: found[key] for key in kept})

@@ -106,7 +106,7 @@ class Flight:
         state = self.state
         if not isinstance(state, SupervisorState):
             return "Does not diagnose: it goes on with what it knows."
-        if state.is_learning and not state.watch.relearns:
+        if state.is_learning and not state.monitor_state.relearns:
             return f"It takes the first {LEARNING_S:g} s for the sound machine."
         said = state.status
         if state.sensors.failed:

@@ -107,7 +107,7 @@ def _tracking(
             names=[name for name, *_ in names_of(plant.drives)],
         )
     except TaskLost as error:
-        advice = "; try other rows (major) or another start (keyframe)" * error.elsewhere
+        advice = "; try other rows (major) or another start (keyframe)" * error.needs_other_task
         raise WrongInput(f"{file}: {error}{advice}") from None
 
 

@@ -87,7 +87,7 @@ def predicted(
         onset = [fault for fault, is_known in changes if not is_known]
         first, faults = min(first, tick), [*faults, *onset]
         after, in_service, mapping = fault_model(rig.nominal, faults), None, None
-        if known := [Diagnosis.told(fault) for fault, is_known in changes if is_known]:
+        if known := [Diagnosis.known(fault) for fault, is_known in changes if is_known]:
             goal = goal_after(goal, known, rig.nominal, rig.unused)
             mapping, in_service = rig.mapping(goal), np.ones(n)
             in_service[[*goal.locked_at, *goal.free]] = 0.0
@@ -152,7 +152,7 @@ def _static_offset(controller: PrioritizedController) -> Array | float:
     mapping = controller.mapping
     if not any(mapping.goal.locked_at.values()):
         return 0.0
-    return mapping.displacements(mapping.nothing().demand, mapping.nominal)
+    return mapping.displacements(mapping.initial_command().demand, mapping.nominal)
 
 
 def _summarized(
@@ -195,7 +195,7 @@ def _noise_variance(rig: "Rig", stage: Stage) -> Array:
     slowest_hz = min(loop.crossover_hz for loop in rig.margins)
     pulses = np.zeros((m1, round(_PULSE_S / slowest_hz / rig.period_s), m1))
     pulses[range(m1), 0, range(m1)] = 1.0  # noise acts like a reference of the compensators alone
-    alone = replace(stage.model, drift=np.zeros(len(stage.model.A)), rubbing=None)
+    alone = replace(stage.model, drift=np.zeros(len(stage.model.A)), dry_friction=None)
     first = Stage(alone, gain=stage.gain)
     outputs = np.array(
         [tick.output for tick in steps([first], rig.nominal.plant.C, rig.loops, pulses)]

@@ -267,7 +267,7 @@ class Rig:
     @property
     def watched(self) -> NominalModel:
         """Linear model from displacements to the measurements of the diagnosis."""
-        return self.control.watched
+        return self.control.diagnosis_model
 
     @property
     def loops(self) -> Sequence[Channel]:

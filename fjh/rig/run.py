@@ -159,7 +159,7 @@ def simulate(
     reference = zero_padded(lead_in, desired)
     machine = bench if on_tick is None else _Counted(bench, on_tick)
     try:
-        looped = run_loop(machine, controller, reference, demands, keeps=_estimate)
+        looped = run_loop(machine, controller, reference, demands, log=_estimate)
     except (ValueError, TypeError, AttributeError):
         if bench.reading_error is None:
             raise
@@ -202,7 +202,7 @@ def run_of(
         true=true,
         measured=looped.measured[logged],
         pose=pose,
-        estimated=_estimated(rig, looped.kept[logged]),
+        estimated=_estimated(rig, looped.logged[logged]),
         inputs=looped.inputs[logged],
         displacement=bench.displacement[logged],
         qpos=bench.qpos[logged],
@@ -284,7 +284,7 @@ def diagnoses_of(rig: "Rig", state: Any, time_s: Array) -> tuple[DiagnosedFailur
             float(time_s[diagnosis.tick]) if diagnosis in state.acted else None,
         )
         last = next((d for d in diagnosed[::-1] if d.actuator == failure.actuator), None)
-        if diagnosis.fault.is_sound:  # returned to service, once a confirmation shows it
+        if diagnosis.fault.is_healthy:  # returned to service, once a confirmation shows it
             if last is not None and last.withdrawn_s is None and diagnosis.confirmed:
                 diagnosed[diagnosed.index(last)] = replace(last, withdrawn_s=failure.time_s)
             continue
@@ -337,10 +337,10 @@ def _undiagnosed(state: Any, names: Sequence[str]) -> str:
     """Return the reason why no failure was diagnosed."""
     if not isinstance(state, SupervisorState):
         return "this controller does not diagnose"
-    if state.watch.unexplained:
+    if state.monitor_state.unexplained:
         return _UNEXPLAINED
-    if state.watch.alarm_ticks:
-        causes = dict.fromkeys(explanation(cause, names) for cause in state.watch.causes)
+    if state.monitor_state.alarm_ticks:
+        causes = dict.fromkeys(explanation(cause, names) for cause in state.monitor_state.causes)
         return f"there was an alarm, explained by {' and '.join(causes) or 'nothing yet'}"
     if state.is_learning:
         return f"it assumes that nothing fails in the first {LEARNING_S:g} s"
@@ -358,7 +358,7 @@ def status_of(rig: "Rig", state: Any, diagnosed: Sequence[DiagnosedFailure]) -> 
     sentence = "; ".join(map(str, diagnosed)) or (
         f"Nothing was diagnosed; {_undiagnosed(state, rig.actuators)}"
     )
-    if diagnosed and state.watch.unexplained:
+    if diagnosed and state.monitor_state.unexplained:
         sentence += f"; {_UNEXPLAINED}"
     return f"{sentence}{read}."
 

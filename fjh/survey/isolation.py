@@ -142,7 +142,7 @@ def told_apart(rig: Rig, sense: Sensing) -> tuple[DitherDesign, dict[str, Any]]:
         "isolable_with_exact_model": len(exact.isolable()),
         "not_isolable": named(each for each in apart.faults if each not in isolable),
         "undetected": named(apart.undetected()),
-        "alike": [[rig.actuators[k] for k in group] for group in apart.alike_actuators()],
+        "alike": [[rig.actuators[k] for k in group] for group in apart.indistinguishable()],
         "least_separation": apart.least,
         "dither_hz": dither.frequency_hz,
         "dither_amplitude": dither.amplitude,

@@ -1,4 +1,4 @@
-"""Compensators of single channels, and the mapping from a major task to the actuators."""
+"""Compensators of single channels and the mapping from the major task to the actuators."""
 
 from ftc.control.anti_windup import circle_margin as circle_margin
 from ftc.control.compensator import Channel as Channel

@@ -1,8 +1,8 @@
-"""Design of the compensators of single channels, all at one crossover, by loop shaping.
+"""Loop-shaping design of compensators of single channels at a common crossover.
 
-G(s) = K / s * w^2 / (s^2 + 2 zeta w s + w^2): an integrator, so that the error falls with
-frequency, and a roll-off, so that the plant's modes above the crossover do not close the loop. K
-puts |G P| = 1 at the chosen crossover.
+G(s) = K / s * w^2 / (s^2 + 2 zeta w s + w^2): an integrator against slow errors, and a roll-off
+that keeps the loop gain low at the plant's modes above the crossover. K is chosen so that
+|G P| = 1 at the crossover.
 """
 
 from dataclasses import dataclass
@@ -15,44 +15,45 @@ import argument_checks as check
 from argument_checks import Array
 from ftc.control.frequency_response import ROUND_OFF, SampledSystem, balanced, sensitivity_peak
 
-if TYPE_CHECKING:  # imported by what needs it: it takes a second, and controllers need no design
+if TYPE_CHECKING:  # imported late: it takes a second, and running controllers need no design
     import control
 
 _MODERATE = 1e-12, 1e6
-"""Of crossovers; the slowest that are tried are 1e-8 of the control frequency."""
+"""Smallest and largest number in a loop shape [Hz] or [1]; `_SLOWEST` bounds the crossovers."""
 
 LARGEST_PEAK = 1.7
-"""Of the sensitivity: a gain margin of at least 7.7 dB, a phase margin of at least 34 degrees."""
+"""Largest peak of the sensitivity: gain margin of at least 7.7 dB, phase margin of 34 degrees."""
 _ROLL_OFF, _ROLL_OFF_DAMPING = 3.0, 0.7
-"""Corner of the low-pass, in crossovers, as on the hexapod, and its damping ratio."""
+"""Corner frequency of the low-pass in crossovers, as on the hexapod, and its damping ratio."""
 _FASTEST, _SLOW, _SLOWEST = 1 / 50, 1e-5, 1e-8
-"""Crossovers that are tried, times the control period: to the second, else to the last."""
+"""Range of crossovers searched, times the control period: to the second, else to the last."""
 _HALVINGS = 12
-"""Of the logarithm of the range in which a crossover is sought: 0.2 % of it, or 0.5 %."""
+"""Bisections of the logarithmic range of crossovers: accuracy of 0.2 % or 0.5 %."""
 
 _DECAYS = 1e-6
-"""Part of the size of the state matrix by which a motion must decay to do so for certain, and below
-which one motion that does not decay drives no other."""
-_SEEN = 1e-4
-"""Part of all inputs or outputs below which a motion is not excited, or not seen."""
+"""Decay rate, relative to the norm of the state matrix, above which a motion certainly decays, and
+coupling below which a motion that does not decay drives no other."""
+_NO_GAIN = 1e-4
+"""Gain of a motion, relative to all inputs or outputs, below which it is uncontrollable or
+unobservable."""
 
 Channel = SampledSystem
-"""A sampled compensator with one input and one output, `dt` its period."""
+"""Sampled compensator with one input and one output; `dt` is its period [s]."""
 
 
 class UnstableLoop(ValueError):
-    """The loop of a channel would be unstable."""
+    """Error raised if the loop of a channel would be unstable."""
 
 
 class NoResponse(ValueError):
-    """A channel does not respond at the chosen crossover."""
+    """Error raised if a channel does not respond at the chosen crossover."""
 
 
 @dataclass(frozen=True)
 class LoopShape:
-    """One channel's gain crossover, and corner and damping ratio of its second-order low-pass.
+    """Gain crossover of one channel, and corner and damping ratio of its second-order low-pass.
 
-    Numbers from 1e-12 to 1e6.
+    Each number lies between 1e-12 and 1e6.
     """
 
     crossover_hz: float
@@ -66,12 +67,12 @@ class LoopShape:
 
 @dataclass(frozen=True)
 class Compensator:
-    """One channel's compensator as plain arrays: python-control's systems cannot be pickled.
+    """Compensator of one channel as plain arrays, which can be pickled, unlike a StateSpace.
 
     Attributes:
-        numerator: Of G(s), highest power first; `denominator` alike.
-        A: State matrix of the Tustin discretization; `B`, `C`, `D` alike.
-        period_s: Sampling period.
+        numerator: Numerator of G(s), highest power first; `denominator` in the same order.
+        A: State matrix of the Tustin discretization, with `B`, `C`, `D`.
+        period_s: Sampling period [s].
     """
 
     numerator: Array
@@ -84,26 +85,26 @@ class Compensator:
 
     @property
     def dt(self) -> float:
-        """The sampling period, by python-control's name for it."""
+        """Sampling period [s] under the name that python-control uses."""
         return self.period_s
 
     @property
     def discrete(self) -> "control.StateSpace":
-        """The sampled compensator."""
+        """Sampled compensator as a python-control system."""
         import control  # late, as above
 
         return control.ss(self.A, self.B, self.C, self.D, self.period_s)
 
 
 def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) -> Compensator:
-    """The compensator that gives one channel the chosen loop at a sampling period.
+    """Design the compensator that gives one channel the chosen loop shape.
 
-    The channel is continuous, with one input and one output; the crossover is below half the
+    The channel is continuous, with one input and one output; the crossover must be below half the
     sampling frequency.
 
     Raises:
         UnstableLoop: The sampled loop would be unstable.
-        NoResponse: The plant's gain at the crossover is zero or no moderate number.
+        NoResponse: The plant's gain at the crossover is zero, infinite or not a number.
     """
     import control  # late, as above
 
@@ -128,7 +129,7 @@ def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) 
     G_d = control.c2d(control.ss(G), period_s, "tustin", prewarp_frequency=crossover)
     sampled_plant = control.c2d(plant, period_s, method="zoh")
     if not check.is_moderate(sampled_plant.A):
-        raise NoResponse("plant must move by moderate numbers in a period, got more")
+        raise NoResponse(f"plant must move by less than {check.LARGEST:g} in a period, got more")
     L = sampled_plant * G_d
     if np.abs(control.feedback(L, 1).poles()).max() >= 1:
         raise UnstableLoop(
@@ -140,28 +141,28 @@ def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) 
 def compensators(
     plant: "control.StateSpace", period_s: float, crossover_hz: float | None = None
 ) -> tuple[Compensator, ...]:
-    """The compensators of all channels of a continuous plant at one crossover.
+    """Design the compensators of all channels of a continuous plant at a common crossover.
 
-    Unless it is given, the crossover is the highest at which the sensitivity peak, coupling of the
-    channels included, is at most `LARGEST_PEAK`, and at most a fiftieth of the sampling frequency.
+    Without `crossover_hz`, take the highest crossover with a sensitivity peak of at most
+    `LARGEST_PEAK`, coupling of the channels included, up to a fiftieth of the sampling frequency.
 
     Raises:
-        UnstableLoop: The loops would be unstable, or have a larger peak at every crossover.
-        NoResponse: A channel has no moderate gain at the crossover that is given.
+        UnstableLoop: The loops would be unstable, or exceed the peak at every crossover.
+        NoResponse: A channel does not respond at the given crossover.
     """
     if crossover_hz is not None:
         return _at(plant, period_s, check.number("crossover_hz", crossover_hz, check.SMALLEST))[0]
-    if found := _within_peak(plant, period_s, _FASTEST / period_s):
-        return found
+    if loops := _within_peak(plant, period_s, _FASTEST / period_s):
+        return loops
     for low, high in ((_SLOW, _FASTEST), (_SLOWEST, _SLOW)):
         for _ in range(_HALVINGS):
             middle = np.sqrt(low * high)
-            if tried := _within_peak(plant, period_s, middle / period_s):
-                found, low = tried, middle
+            if candidate := _within_peak(plant, period_s, middle / period_s):
+                loops, low = candidate, middle
             else:
                 high = middle
-        if found:
-            return found
+        if loops:
+            return loops
     raise UnstableLoop(
         f"no crossover from {_SLOWEST / period_s:.2g} Hz on leaves the loops stable with a "
         f"sensitivity peak of at most {LARGEST_PEAK:g}"
@@ -171,7 +172,7 @@ def compensators(
 def _within_peak(
     plant: "control.StateSpace", period_s: float, hz: float
 ) -> tuple[Compensator, ...] | None:
-    """The design at this crossover; None where the peak is larger than allowed."""
+    """Return the design at this crossover, or None if it is unstable or its peak is too large."""
     try:
         loops, peak = _at(plant, period_s, hz)
     except (UnstableLoop, NoResponse):
@@ -182,7 +183,7 @@ def _within_peak(
 def _at(
     plant: "control.StateSpace", period_s: float, hz: float
 ) -> tuple[tuple[Compensator, ...], float]:
-    """The design at this crossover, and the sensitivity peak that it leaves."""
+    """Return the design at this crossover and its sensitivity peak."""
     import control  # late, as above
 
     shape = LoopShape(hz, _ROLL_OFF * hz, _ROLL_OFF_DAMPING)
@@ -196,13 +197,13 @@ def _at(
 
 
 def minimal(plant: "control.StateSpace") -> "control.StateSpace":
-    """A plant without those motions that do not decay and that no input excites or no output sees.
+    """Return the plant without its undamped modes that are uncontrollable or unobservable.
 
-    A rod that spins between two ball joints is a pole at zero that no loop could move and none has
-    to. The motions that do not decay are split off (ordered Schur form, Sylvester equation: Bavely
-    and Stewart, SIAM J. Numer. Anal. 16 (1979)), and of these what no input excites and then what
-    no output sees is taken out, by the staircase algorithm (Rosenbrock 1970; Van Dooren, IEEE
-    Trans. Automatic Control 26 (1981)). Motions that decay stay, whether seen or not.
+    For example, a rod that spins between two ball joints is a pole at zero that no loop can or has
+    to move. The modes that do not decay are split off (ordered Schur form and Sylvester equation:
+    Bavely and Stewart, SIAM J. Numer. Anal. 16 (1979)); the staircase algorithm then removes their
+    uncontrollable and unobservable parts (Rosenbrock 1970; Van Dooren, IEEE Trans. Automatic
+    Control 26 (1981)). Modes that decay stay.
     """
     import control  # late, as above
 
@@ -215,8 +216,8 @@ def minimal(plant: "control.StateSpace") -> "control.StateSpace":
     slow, fast = T[:count, :count], T[count:, count:]
     X = scipy.linalg.solve_sylvester(slow, -fast, -T[:count, count:])
     B_slow, C_slow = B[:count] - X @ B[count:], C[:, :count]
-    for _ in range(2):  # what is excited, then of the dual what is seen
-        V = _reached(slow, B_slow, _SEEN * float(np.abs(B).max(initial=0.0)), least)
+    for _ in range(2):  # controllable part, then that of the dual system
+        V = _controllable_basis(slow, B_slow, _NO_GAIN * float(np.abs(B).max(initial=0.0)), least)
         slow, B_slow, C_slow = (V.T @ slow @ V).T, (C_slow @ V).T, (V.T @ B_slow).T
         B, C = C.T, B.T
     outputs = np.hstack([C_slow, C[:, :count] @ X + C[:, count:]])
@@ -224,13 +225,13 @@ def minimal(plant: "control.StateSpace") -> "control.StateSpace":
     return control.ss(scipy.linalg.block_diag(slow, fast), inputs, outputs, plant.D)
 
 
-def _reached(A: Array, B: Array, least_input: float, least_motion: float) -> Array:
-    """Orthonormal basis of what B drives through A, shape (s, r)."""
-    found, new, least = np.zeros((len(A), 0)), B, least_input
+def _controllable_basis(A: Array, B: Array, least_input: float, least_motion: float) -> Array:
+    """Return an orthonormal basis of the controllable subspace of (A, B), shape (s, r)."""
+    basis, new, least = np.zeros((len(A), 0)), B, least_input
     while new.shape[1]:
-        for _ in range(2):  # once leaves round-off of what is taken off
-            new = new - found @ (found.T @ new)
+        for _ in range(2):  # a single projection leaves round-off
+            new = new - basis @ (basis.T @ new)
         U, s, _ = np.linalg.svd(new, full_matrices=False)
-        found = np.hstack([found, U[:, s > least]])
+        basis = np.hstack([basis, U[:, s > least]])
         new, least = A @ U[:, s > least], least_motion
-    return found
+    return basis

@@ -1,4 +1,4 @@
-"""Frequency responses of sampled systems, and the margins of the loops that they close."""
+"""Frequency responses and stability margins of sampled systems."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,31 +12,31 @@ from argument_checks import Array
 from argument_checks.ties import least
 
 _SLOWEST, _SLOW, _FASTEST = 1e-7, 1e-4, 0.4999
-"""Frequencies at which loops are looked at, in parts of the sampling frequency: few up to the
-second, where there are no modes."""
+"""Frequency grid in fractions of the sampling frequency: coarse up to the second number, below all
+modes."""
 
 ROUND_OFF = 1e-13
-"""Part of a response."""
+"""Relative round-off of a frequency response."""
 
 
 class SampledSystem(Protocol):
-    """x' = A x + B u, y = C x + D u from tick to tick, as python-control's discrete systems."""
+    """Discrete system x' = A x + B u, y = C x + D u, such as python-control's."""
 
     @property
     def A(self) -> Any:
-        """Shape (s, s)."""
+        """State matrix, shape (s, s)."""
 
     @property
     def B(self) -> Any:
-        """Shape (s, m)."""
+        """Input matrix, shape (s, m)."""
 
     @property
     def C(self) -> Any:
-        """Shape (p, s)."""
+        """Output matrix, shape (p, s)."""
 
     @property
     def D(self) -> Any:
-        """Shape (p, m)."""
+        """Feedthrough matrix, shape (p, m)."""
 
     @property
     def dt(self) -> Any:
@@ -44,7 +44,7 @@ class SampledSystem(Protocol):
 
 
 def sampled(name: str, system: SampledSystem, inputs: int, outputs: int) -> SampledSystem:
-    """Check that a system has so many inputs and outputs, finite numbers and a period."""
+    """Check the numbers of inputs and outputs, the entries and the period of a sampled system."""
     check.attributes(name, system, "A", "B", "C", "D", "dt")
     s = len(check.array(f"{name}.A", system.A, ..., None, None))
     shapes = {"A": (s, s), "B": (s, inputs), "C": (outputs, s), "D": (outputs, inputs)}
@@ -57,29 +57,29 @@ def sampled(name: str, system: SampledSystem, inputs: int, outputs: int) -> Samp
 def channels(
     name: str, loops: Sequence[SampledSystem], count: int | None = None
 ) -> tuple[SampledSystem, ...]:
-    """Check channels, so many unless `count` is None, that all have one period."""
+    """Check that a list holds `count` channels (None: any number) with a common period."""
     if not isinstance(loops, list | tuple) or len(loops) != (count or len(loops)):
         expected = "channels" if count is None else f"{count} channels, one for each major row"
         raise ValueError(f"{name} must be a list of {expected}, got {check.shown(loops)}")
-    for each in loops:
-        if sampled(name, each, 1, 1).dt != loops[0].dt:
-            raise ValueError(f"{name} must have one period, got {each.dt} and {loops[0].dt} s")
+    for loop in loops:
+        if sampled(name, loop, 1, 1).dt != loops[0].dt:
+            raise ValueError(f"{name} must have one period, got {loop.dt} and {loops[0].dt} s")
     return tuple(loops)
 
 
 def balanced(A: Array) -> tuple[Array, Array]:
-    """A state matrix (s, s) of states in units that make it even, and these units, shape (s,)."""
-    with np.errstate(invalid="ignore"):  # scipy makes integers of them, which nobody asks for
+    """Balance a state matrix (s, s); return it and the units of its states, shape (s,)."""
+    with np.errstate(invalid="ignore"):  # scipy also converts the units to integers
         A, (units, _) = scipy.linalg.matrix_balance(A, permute=False, separate=True)
     return A, units
 
 
 def frequency_response(system: SampledSystem) -> Callable[[Array], Array]:
-    """The function of frequencies w (F,) [rad/s] that is C (z I - A)^-1 B + D at z = exp(i w dt).
+    """Return the function of w (F,) [rad/s] that evaluates C (z I - A)^-1 B + D, z = exp(i w dt).
 
-    Complex, shape (F, p, m). None of the frequencies may be that of an undamped mode. By
-    back-substitution after Laub, IEEE Trans. Automatic Control 26 (1981), in the Schur form:
-    eigenvectors would not do, since masses that no spring holds have double poles.
+    Its result is complex, shape (F, p, m). No frequency may be that of an undamped mode. It uses
+    back-substitution in the Schur form (Laub, IEEE Trans. Automatic Control 26 (1981)), because
+    unconstrained masses have double poles, for which eigenvectors fail.
     """
     # A loop in series has states of very different sizes, which an orthogonal U alone would mix.
     A, scale = balanced(system.A)
@@ -98,7 +98,7 @@ def frequency_response(system: SampledSystem) -> Callable[[Array], Array]:
 
 
 def _frequencies(period_s: float, fastest: float, count: int) -> Array:
-    """Up to a part of the sampling frequency, [rad]/[s], so many of them above the slow ones."""
+    """Return the frequency grid [rad/s]: `count` points above `_SLOW` and a sixteenth below."""
     slow = np.geomspace(_SLOWEST, _SLOW, count // 16, endpoint=False)
     return 2 * np.pi / period_s * np.append(slow, np.geomspace(_SLOW, fastest, count))
 
@@ -109,9 +109,9 @@ class Margins:
 
     Attributes:
         crossover_hz: Gain crossover.
-        gain_margin_db: At `phase_crossover_hz`.
-        phase_margin_deg: At `crossover_hz`.
-        phase_crossover_hz: Where the phase passes -180 degrees.
+        gain_margin_db: Gain margin at `phase_crossover_hz`.
+        phase_margin_deg: Phase margin at `crossover_hz`.
+        phase_crossover_hz: Frequency at which the phase passes -180 degrees.
     """
 
     crossover_hz: float
@@ -128,11 +128,10 @@ class Margins:
 
 
 def margins(L: SampledSystem) -> Margins:
-    """The margins of a sampled open loop with one input and one output.
+    """Return the stability margins of a sampled open loop with one input and one output.
 
-    Of several crossovers those with the smallest margins. They are looked for from 1e-7 of the
-    sampling frequency up to half of it; where there is none, the margin is infinite and the
-    crossover NaN.
+    Of several crossovers the one with the smallest margin counts. The search covers 1e-7 to 0.5 of
+    the sampling frequency; without a crossover the margin is infinite and the frequency NaN.
     """
     from scipy.optimize import brentq  # late: only the design needs it
 
@@ -147,11 +146,11 @@ def margins(L: SampledSystem) -> Margins:
 
     def crossings(of: Callable[[Any], Any]) -> Iterator[float]:
         for k in np.flatnonzero(np.diff(np.sign(of(curve)))):
-            if abs(of(curve[k])) <= ROUND_OFF * abs(curve[k]):  # it is there, whatever its sign
+            if abs(of(curve[k])) <= ROUND_OFF * abs(curve[k]):  # zero to within round-off
                 yield float(frequencies[k])
                 continue
             ends = frequencies[k : k + 2]
-            # Of many frequencies at once the last bits are others than of one.
+            # A batch and a single frequency differ in their last bits.
             if of(at(ends[0])) * of(at(ends[1])) <= 0.0:
                 yield brentq(lambda w: of(at(w)), *ends)
 
@@ -166,14 +165,13 @@ def margins(L: SampledSystem) -> Margins:
 
 
 def sensitivity_peak(L: SampledSystem) -> float:
-    """Peak over frequency of the sensitivity S = (I + L)^-1 of all channels, L a sampled open loop.
+    """Return the peak over frequency of the sensitivity S = (I + L)^-1 of a sampled open loop L.
 
-    Measured by the gain and phase that each channel may lose, all at once and independently: an
-    upper bound of the structured singular value of S, the less of its largest singular value and of
-    the Perron root of its absolute values (Doyle, IEE Proc. D 129 (1982); Skogestad and
-    Postlethwaite, Multivariable Feedback Control, 2005, section 8.8). One channel that disturbs
-    another without being disturbed by it endangers nothing. The inverse is the distance of the
-    loops from instability; a well-damped single loop has less than 2.
+    Its inverse bounds the gain and phase that the channels may lose independently at the same time:
+    it is an upper bound of the structured singular value of S, the smaller of its largest singular
+    value and the Perron root of its absolute values (Doyle, IEE Proc. D 129 (1982); Skogestad and
+    Postlethwaite, Multivariable Feedback Control, 2005, section 8.8), so one-way coupling does not
+    count. A well-damped single loop has less than 2.
     """
     channels = len(np.atleast_1d(getattr(L, "D", 0.0)))
     sampled("L", L, channels, channels)

@@ -1,4 +1,4 @@
-"""Models of a mechanism for the mapping, and its motion when actuators fail."""
+"""Models of a mechanism for the mapping, and its motion after actuator failures."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,96 +14,95 @@ Pose = TypeVar("Pose")
 
 
 class Geometry(Protocol[Pose]):
-    """Mechanism without failures, as the mapping needs it; a pose is the client's own type.
+    """Protocol of a mechanism without failures, as the mapping uses it; the pose type is free.
 
-    Its `system` is the mechanism at the nominal pose, with springs where there are any.
+    `system` is the mechanism at the nominal pose, with its springs if it has any.
     """
 
     system: ConstrainedSystem
 
     @property
     def nominal(self) -> Pose:
-        """The pose that displacements are measured from."""
+        """Pose from which displacements are measured."""
         ...
 
     def jacobians(self, pose: Pose) -> Any:
-        """An object with J_T (m, N) and J_C (c, N) of :attr:`system` at a pose.
+        """Return an object with J_T (m, N) and J_C (c, N) of :attr:`system` at a pose.
 
-        And with their `accuracy`, where that is known. Where the Jacobian is constant,
-        :attr:`system` itself.
+        It may have their `accuracy`. A constant Jacobian is :attr:`system` itself.
         """
 
     def twist(self, pose: Pose, displacements: Array) -> Array:
-        """Task displacement (m,) of small displacements (n,) of the mechanism without failures."""
+        """Return the task displacement (m,) for small displacements (n,) without failures."""
         ...
 
     def moved(self, pose: Pose, displacements: Array) -> Pose:
-        """The pose to which displacements (n,) lead, from the pose one tick before."""
+        """Return the pose for displacements (n,), starting from the pose one tick before."""
         ...
 
 
 class LocalGeometry:
-    """Any mechanism about its nominal pose, from its Jacobians alone; poses are twists (m,)."""
+    """Geometry linearized about the nominal pose of any mechanism; poses are twists (m,)."""
 
     def __init__(self, system: ConstrainedSystem) -> None:
-        """Take the mechanism without failures at its nominal pose."""
+        """Linearize the mechanism without failures about its nominal pose."""
         self.system = check.instance("system", system, ConstrainedSystem)
         self.nominal = np.zeros(len(system.J_T))
         self._J = system.kinematics().J
 
     def jacobians(self, pose: Array) -> ConstrainedSystem:
-        """The mechanism itself."""
+        """Return the mechanism itself: its Jacobians are constant."""
         return self.system
 
     def twist(self, pose: Array, displacements: Array) -> Array:
-        """Task displacement (m,) of displacements (n,)."""
+        """Return the task displacement (m,) for displacements (n,)."""
         return self._J @ displacements
 
     def moved(self, pose: Array, displacements: Array) -> Array:
-        """The twist of displacements (n,)."""
+        """Return the twist (m,) for displacements (n,)."""
         return self._J @ displacements
 
 
 class MechanismModel(Protocol[Pose]):
-    """A controller's own model of a mechanism without failures, such as `sim.Mechanism`.
+    """Protocol of a controller's model of a mechanism without failures, such as `sim.Mechanism`.
 
-    A posture is the model's own type, and belongs to one set of joint positions.
+    The posture type is free; a posture belongs to one set of joint positions.
     """
 
     @property
     def nominal(self) -> Pose:
-        """The posture that displacements are measured from."""
+        """Posture from which displacements are measured."""
         ...
 
     def jacobians(self, posture: Pose) -> Any:
-        """An object with J_T (m, N), J_C (c, N) and active (n,); see :class:`sim.Jacobians`."""
+        """Return an object with J_T (m, N), J_C (c, N), active (n,); see :class:`sim.Jacobians`."""
 
     def displacements(self, posture: Pose) -> Array:
-        """Displacements of the actuators from the nominal posture, shape (n,)."""
+        """Return the displacements (n,) of the actuators from the nominal posture."""
         ...
 
     def task(self, posture: Pose) -> Array:
-        """Task coordinates (m,), whose rates are J_T's near the nominal posture."""
+        """Return the task coordinates (m,), with rates given by J_T near the nominal posture."""
         ...
 
-    def moved(self, posture: Pose, displacements: Array, held: Indices) -> Pose:
-        """The posture near this one at which the `held` actuators have their displacements (n,).
+    def moved(self, posture: Pose, displacements: Array, fixed: Indices, /) -> Pose:
+        """Return the posture near this one at which the `fixed` actuators have displacements (n,).
 
-        Those of the other actuators do not count: they follow.
+        The entries of the other actuators are ignored: these actuators follow the loops.
         """
         ...
 
 
 class MechanismGeometry:
-    """A mechanism as :class:`Geometry`: its Jacobians in every posture."""
+    """:class:`Geometry` of a mechanism with the Jacobians of every posture."""
 
     def __init__(
         self, model: MechanismModel[Any], free: Sequence[int] = (), *, springs: bool = False
     ) -> None:
-        """Take the mechanism without failures.
+        """Wrap the model of a mechanism without failures.
 
-        Of the `free` actuators, which exert no force, the loops say where they go; with `springs`
-        those of the joints hold what the loops leave free.
+        The positions of the `free` actuators, which exert no force, follow from the closed loops;
+        with `springs`, joint springs determine the motions that the loops leave free.
         """
         self.model = check.attributes("model", model, "jacobians", "displacements", "task", "moved")
         self.nominal = model.nominal
@@ -111,23 +110,23 @@ class MechanismGeometry:
             model.jacobians(model.nominal), check.flag("springs", springs)
         )
         every = np.arange(len(self.system.active))
-        self._held = np.setdiff1d(every, check.indices("free", free, len(every)))
+        self._driven = np.setdiff1d(every, check.indices("free", free, len(every)))
 
     def jacobians(self, pose: Any) -> Any:
-        """The Jacobians of the model there."""
+        """Return the model's Jacobians at a posture."""
         return self.model.jacobians(pose)
 
     def twist(self, pose: Any, displacements: Array) -> Array:
-        """Task displacement (m,) of small displacements (n,)."""
+        """Return the task displacement (m,) for small displacements (n,)."""
         return self.system.at_pose(self.model.jacobians(pose)).kinematics().J @ displacements
 
     def moved(self, pose: Any, displacements: Array) -> Any:
-        """The posture to which displacements (n,) lead, from the one a tick before."""
-        return self.model.moved(pose, displacements, self._held)
+        """Return the posture for displacements (n,), starting from the posture one tick before."""
+        return self.model.moved(pose, displacements, self._driven)
 
 
 def without_springs(system: ConstrainedSystem, actuators: Sequence[int]) -> ConstrainedSystem:
-    """The mechanism without the springs of these actuators."""
+    """Return the mechanism without the springs of these actuators."""
     if system.stiffness is None or not actuators:
         return system
     K, joints = system.stiffness.copy(), system.active[list(actuators)]
@@ -135,8 +134,8 @@ def without_springs(system: ConstrainedSystem, actuators: Sequence[int]) -> Cons
     return replace(system, stiffness=K)
 
 
-def without_idle_springs(system: ConstrainedSystem) -> ConstrainedSystem:
-    """The mechanism without springs where its loops leave these nothing to decide."""
+def without_unneeded_springs(system: ConstrainedSystem) -> ConstrainedSystem:
+    """Return the mechanism, without its springs if the loops alone determine its motion."""
     if system.stiffness is None:
         return system
     rigid = replace(system, stiffness=None)
@@ -144,19 +143,21 @@ def without_idle_springs(system: ConstrainedSystem) -> ConstrainedSystem:
 
 
 def free_actuators_follow(released: ConstrainedSystem) -> Array:
-    """Displacements of all actuators per displacement of those that are held, shape (n, n)."""
+    """Return the displacements of all actuators per displacement of the driven ones, (n, n)."""
     kinematics, n = released.kinematics(), len(released.active)
-    follow, held = np.zeros((n, n)), kinematics.actuators
-    follow[:, held] = kinematics.velocities(np.eye(len(held)))[:, released.active].T
+    follow, driven = np.zeros((n, n)), kinematics.actuators
+    follow[:, driven] = kinematics.velocities(np.eye(len(driven)))[:, released.active].T
     return follow
 
 
-def yielded(released: ConstrainedSystem, locked_at: Array, survivors: Indices) -> Array:
-    """Least displacements (n,) of the survivors that the closed loops need around locked ones."""
-    kinematics, yielded = released.kinematics(), np.zeros(len(locked_at))
+def induced_displacements(
+    released: ConstrainedSystem, locked_at: Array, survivors: Indices
+) -> Array:
+    """Return the least displacements (n,) of the survivors that locked ones off centre require."""
+    kinematics, induced = released.kinematics(), np.zeros(len(locked_at))
     C = kinematics.active_constraint
     if len(C) and locked_at.any():
         needed = C @ locked_at[kinematics.actuators]
-        of_survivors = C[:, np.isin(kinematics.actuators, survivors)]
-        yielded[survivors] = -np.linalg.pinv(of_survivors) @ needed
-    return yielded
+        surviving_columns = C[:, np.isin(kinematics.actuators, survivors)]
+        induced[survivors] = -np.linalg.pinv(surviving_columns) @ needed
+    return induced

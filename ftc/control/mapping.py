@@ -1,6 +1,6 @@
-"""The prioritized mapping in the loop: from a major task to displacements of the actuators.
+"""Prioritized mapping of the control loop: from a major task to actuator displacements.
 
-Displacements are absolute, from the nominal pose: eq. (41) taken whole. Its incremental form drifts
+Displacements are absolute, from the nominal pose (eq. (41)). The incremental form of (41) drifts
 when J is re-evaluated; docs/jacobian.md compares the forms.
 """
 
@@ -19,29 +19,30 @@ from ftc.control.geometry import (
     Geometry,
     Pose,
     free_actuators_follow,
-    without_idle_springs,
+    induced_displacements,
     without_springs,
-    yielded,
+    without_unneeded_springs,
 )
 from prioritized import Kinematics, Tick, VelocityMapping, WhenLimited
 
 MOST_ACTUATORS = 10_000
+"""Largest number of actuators of a goal: a larger index is a mistake."""
 
 
 @dataclass(frozen=True)
 class Goal:
-    """Weights of the secondary goal, and the failures known to the controller.
+    """Weights of the secondary goal and the failures known to the controller.
 
-    Actuators are numbered 0..n-1; displacements are in their own units, [m] or [rad].
+    Actuators are numbered 0..n-1; their displacements are in [m] or [rad].
 
     Attributes:
         joint_weight: W1, diagonal over the n actuators; None is zero.
         secondary_weight: W2, diagonal over the secondary rows; None is zero.
-        locked_at: Actuators known to be locked, and the displacement at which each stands.
-        free: Actuators known to exert no force, their springs intact.
+        locked_at: Displacement of each actuator known to be locked.
+        free: Actuators known to exert no force, with intact springs.
         spring_lost: Actuators known to have lost force and spring.
-        effectiveness: Actuators known to be weakened, and the part of the force that each has left,
-            above zero and up to one.
+        effectiveness: Remaining fraction of the force, above zero and up to one, of each actuator
+            known to be weakened.
     """
 
     joint_weight: tuple[float, ...] | None = None
@@ -61,22 +62,22 @@ class Goal:
                 check.indices(name, getattr(self, name), MOST_ACTUATORS).tolist()
             )
         for name in ("locked_at", "effectiveness"):
-            known = check.instance(name, getattr(self, name), dict)
-            actuators = check.indices(name, list(known), MOST_ACTUATORS).tolist()
+            given = check.instance(name, getattr(self, name), dict)
+            actuators = check.indices(name, list(given), MOST_ACTUATORS).tolist()
             vars(self)[name] = {
                 k: check.number(name, value)
-                for k, value in zip(actuators, known.values(), strict=True)
+                for k, value in zip(actuators, given.values(), strict=True)
             }
-        for left in self.effectiveness.values():
-            check.number("effectiveness", left, check.SMALLEST, 1.0)
+        for part in self.effectiveness.values():
+            check.number("effectiveness", part, check.SMALLEST, 1.0)
 
     @property
     def failed(self) -> set[int]:
-        """Actuators known to have failed, all or in part."""
+        """Actuators known to have failed, completely or partly."""
         return {*self.locked_at, *self.free, *self.spring_lost, *self.effectiveness}
 
     def of(self, actuators: int) -> "Goal":
-        """The goal itself, checked to name no other than these actuators."""
+        """Check that the goal refers to actuators 0..n-1 only, and return it."""
         check.integer("actuators", actuators)
         for name in ("free", "spring_lost", "locked_at", "effectiveness"):
             check.indices(name, list(getattr(self, name)), actuators)
@@ -84,19 +85,18 @@ class Goal:
 
 
 DisplacementForm = Literal["absolute", "incremental", "gauss_newton"]
-"""How eq. (41) becomes a displacement: from the nominal pose; from what was commanded a tick
-before; or, from where the actuators are, one Gauss-Newton step towards the optimum of the curved
-problem."""
+"""Forms of eq. (41): displacement from the nominal pose; increment from the last command; or one
+Gauss-Newton step of the nonlinear problem from the present actuator displacements."""
 
-_MET = 1e-9
-"""Part of a task up to which what limits leave of it is round-off."""
+_ROUND_OFF = 1e-9
+"""Residual of a limited task, relative to the task, that counts as round-off."""
 
 
 class PreviousCommand(NamedTuple):
-    """Last demand and displacements of a mapping, from which the incremental form continues.
+    """Last demand and result of a mapping, from which the incremental form continues.
 
-    `demand` (m1,) is the demanded major task; `displacements` (n,) those of the actuators, before
-    the converters; `secondary_reference` (n,) the reference of the secondary goal.
+    `demand` (m1,) is the demanded major task, `displacements` (n,) are the actuator displacements
+    before the converters, and `secondary_reference` (n,) is the reference of the secondary goal.
     """
 
     demand: Array
@@ -105,13 +105,13 @@ class PreviousCommand(NamedTuple):
 
 
 class LocalMapping(NamedTuple):
-    """The mapping at one pose, section 2.3.
+    """Mapping at one pose, section 2.3.
 
     Attributes:
         mapping: Rates of the n' surviving actuators, eqs. (28) and (30): a
-            :class:`prioritized.VelocityMapping`, or what `allocate` gives in its place.
-        kinematics: Of the failed mechanism there, with n' actuators.
-        limited: The mapping with limits, whose `solve` gives `rates`; None without.
+            :class:`prioritized.VelocityMapping`, or the result of `allocate`.
+        kinematics: Kinematics of the failed mechanism at the pose, with n' actuators.
+        limited: Mapping with limits, whose `solve` returns `rates`; None without limits.
     """
 
     mapping: Any
@@ -120,10 +120,10 @@ class LocalMapping(NamedTuple):
 
 
 class _Step(NamedTuple):
-    """What is left to do from the displacements `here` (n',) of the survivors.
+    """Remaining motion from the displacements `here` (n',) of the survivors to the optimum.
 
-    The major task is to move by `major` (m1,), the survivors by `joint` (n',), and the secondary
-    task by what the survivors' displacements `along` (n',) do, and by `secondary` (m2,) beside.
+    The major task has to move by `major` (m1,) and the survivors by `joint` (n',). The secondary
+    task has to move by the effect of survivor displacements `along` (n',) plus `secondary` (m2,).
     """
 
     here: Array
@@ -133,20 +133,20 @@ class _Step(NamedTuple):
     secondary: Array
 
     def targets(self, J_s: Array) -> tuple[Array, Array, Array]:
-        """Arguments of a velocity mapping, for the secondary rows (m2, n') of the Jacobian."""
+        """Return the targets of a velocity mapping with the secondary Jacobian rows (m2, n')."""
         return self.major, self.joint, J_s.dot(self.along) + self.secondary
 
 
 class PrioritizedMapping(Generic[Pose]):
-    """Optimal displacements of the actuators for a demanded major task, eqs. (28) and (30).
+    """Mapping from a demanded major task to optimal actuator displacements, eqs. (28) and (30).
 
-    Actuators that the goal says have failed are reconfigured as in section 2.3.
+    It is reconfigured for the failed actuators of the goal as in section 2.3.
 
     Attributes:
-        nominal: The pose that displacements are measured from.
-        actuators: Their number n, failed ones included.
-        unused: Which of them are commanded nothing, because they have failed, shape (n,).
-        limits: Lower and upper displacements, shape (n,) each; None without.
+        nominal: Pose from which displacements are measured.
+        actuators: Number n of actuators, failed ones included.
+        unused: Mask (n,) of failed actuators, which get no command.
+        limits: Lower and upper displacements, shape (n,) each; None without limits.
     """
 
     def __init__(
@@ -162,28 +162,29 @@ class PrioritizedMapping(Generic[Pose]):
         when_limited: WhenLimited = "least_squares",
         allocate: Callable[[Kinematics], Any] | None = None,
     ) -> None:
-        """Prepare the mapping at the nominal pose.
+        """Prepare the mapping at the nominal pose of a mechanism.
 
         Args:
-            geometry: The mechanism.
-            goal: Weights, and the failures that are known.
+            geometry: Mechanism without failures.
+            goal: Weights and known failures.
             major: Task rows of the major task.
             secondary: Task rows of the secondary task, in the order of its weights.
-            form: How eq. (41) becomes a displacement.
-            task: Task coordinates (m,) of a pose; the Gauss-Newton form needs them.
+            form: Form of eq. (41).
+            task: Function that returns the task coordinates (m,) of a pose; required by the
+                Gauss-Newton form.
             limits: Lower and upper displacements of the actuators from the nominal pose, shape
-                (n,) or one number each; those of failed actuators do not count. A weakened
-                actuator needs limits that it can hold with the force left. None in incremental
-                form.
-            when_limited: What becomes of a major task beyond them.
-            allocate: What is to be compared with eqs. (28) and (30): for kinematics of the failed
-                mechanism, what maps velocities to rates of the survivors as
-                :class:`ftc.control.mapping.LocalMapping` says, in the place of the mapping
-                within limits if there are any, or else of the mapping.
+                (n,) or one number each; those of failed actuators are ignored. A weakened
+                actuator needs limits that it can hold with its remaining force. Must be None in
+                incremental form.
+            when_limited: Treatment of a major task beyond the limits.
+            allocate: Alternative to eqs. (28) and (30), for comparisons: a function from the
+                kinematics of the failed mechanism to an object that maps velocities to rates of
+                the survivors. It replaces `limited` of
+                :class:`ftc.control.mapping.LocalMapping` if there are limits, else `mapping`.
 
         Raises:
-            ValueError: An actuator locked off centre in incremental form: its displacement is in no
-                increment.
+            ValueError: An actuator is locked off centre in incremental form, whose increments do
+                not contain its displacement.
         """
         check.attributes("geometry", geometry, "jacobians", "twist", "moved")
         check.choice("form", form, get_args(DisplacementForm))
@@ -207,9 +208,9 @@ class PrioritizedMapping(Generic[Pose]):
         rows = len(geometry.system.J_T)
         self._major = check.indices("major", major, rows)
         self._secondary = check.indices("secondary", secondary, rows)
-        loose = without_springs(geometry.system, goal.spring_lost)
-        released = loose.with_failures(free=[*goal.free, *goal.spring_lost])
-        self._failed = without_idle_springs(released.with_failures(locked=list(goal.locked_at)))
+        without_lost = without_springs(geometry.system, goal.spring_lost)
+        released = without_lost.with_failures(free=[*goal.free, *goal.spring_lost])
+        self._failed = without_unneeded_springs(released.with_failures(locked=list(goal.locked_at)))
         kinematics = self._failed.kinematics()
         self._surviving = kinematics.actuators
         self.unused: Mask = ~np.isin(np.arange(n), self._surviving)
@@ -223,10 +224,10 @@ class PrioritizedMapping(Generic[Pose]):
         self._follow = free_actuators_follow(released)
         self._some_follow = bool((self._follow != np.eye(n)).any())
         self._free_follow = np.isin(np.arange(n), goal.free)[:, None] * self._follow
-        # Where closed loops tie the actuators together, the others yield to one that is off centre.
-        others = yielded(released, self._locked_at, self._surviving)
-        self._yielded = others[self._surviving]
-        self._standing = self._follow.dot(self._locked_at + others)
+        # Closed loops displace the other actuators if a locked one is off centre.
+        induced = induced_displacements(released, self._locked_at, self._surviving)
+        self._induced = induced[self._surviving]
+        self._known_displacements = self._follow.dot(self._locked_at + induced)
         self._is_off_centre = bool(self._locked_at.any())
 
         weights = goal.joint_weight, goal.secondary_weight
@@ -234,24 +235,24 @@ class PrioritizedMapping(Generic[Pose]):
         self._prepared, self.limits, self._limited = prepared(), None, None
         if limits is not None:
             self.limits = lower, upper = check.limits("limits", limits, n)
-            box = lower - others, upper - others
+            box = lower - induced, upper - induced
             self._limited = prepared(rate_limits=box, when_limited=when_limited)
         self._at_nominal = self._local(kinematics)
         self._still = check.read_only(np.zeros(n))
         self._still_secondary = np.zeros(len(self._secondary))
 
-    def nothing(self) -> PreviousCommand:
-        """State before the first demand."""
+    def initial_command(self) -> PreviousCommand:
+        """Return the command that precedes the first demand: zero."""
         return PreviousCommand(np.zeros(len(self._major)), self._still, self._still)
 
     def major_gain(self) -> Array:
-        """Displacements per demanded major task at the nominal pose, shape (n, m1)."""
+        """Return the displacements per demanded major task at the nominal pose, shape (n, m1)."""
         return self._expand @ self._at_nominal.mapping.major
 
     def secondary_gain(self) -> Array:
-        """Displacements per secondary reference, at the nominal pose, shape (n, n).
+        """Return the displacements per secondary reference at the nominal pose, shape (n, n).
 
-        Its columns span the motions that a reference can ask for without a part in the major task.
+        Its columns span the motions of a reference in the null space of the major task.
         """
         now, still = self._at_nominal, np.zeros(len(self._major))
         secondary = now.kinematics.J[self._secondary]
@@ -266,17 +267,16 @@ class PrioritizedMapping(Generic[Pose]):
         last: PreviousCommand | None = None,
         secondary_reference: Array | None = None,
     ) -> Array:
-        """Displacements (n,) for a demanded major task, whatever `limits` are.
+        """Return the displacements (n,) for a demanded major task, ignoring `limits`.
 
         Args:
             demand: Demanded major task, shape (m1,).
-            pose: Where the mechanism is.
-            commanded: Displacements (n,) that hold it there; the Gauss-Newton form goes on from
-                them, and needs them.
-            last: What was demanded before; the incremental form goes on from it, and needs it.
-            secondary_reference: Reference of the secondary goal, displacements (n,); it is
-                followed as far as the major task leaves the actuators free. None is the nominal
-                pose.
+            pose: Present pose of the mechanism.
+            commanded: Displacements (n,) that hold the mechanism there; required by the
+                Gauss-Newton form, which starts from them.
+            last: Previous command; required by the incremental form, which starts from it.
+            secondary_reference: Reference of the secondary goal, displacements (n,), followed in
+                the null space of the major task. None is the nominal pose.
         """
         step = self._step(demand, pose, commanded, last, secondary_reference)
         velocities = self._moved(self._ticks[0], pose, step, None)
@@ -294,31 +294,31 @@ class PrioritizedMapping(Generic[Pose]):
         last: PreviousCommand | None = None,
         secondary_reference: Array | None = None,
     ) -> tuple[Array, Array | None]:
-        """Displacements (n,) within `limits`, and what these leave of the major task, (m1,).
+        """Return displacements (n,) within `limits` and the residual (m1,) of the major task.
 
-        Limits come first, then the major task, then the secondary goals with what is left. Without
-        limits nothing is left: None. The arguments are those of :meth:`displacements`.
+        The limits have priority over the major task, and this over the secondary goals. Without
+        limits the residual is None. The arguments are those of :meth:`displacements`.
         """
         if self.limits is None:
             return self.displacements(demand, pose, commanded, last, secondary_reference), None
         step = self._step(demand, pose, commanded, last, secondary_reference)
         lower, upper = (limit[self._surviving] - step.here for limit in self.limits)
-        left = lower, upper
-        velocities = self._moved(self._ticks[1], pose, step, left)
+        remaining = lower, upper
+        velocities = self._moved(self._ticks[1], pose, step, remaining)
         if velocities is not None:
             moved = self._model.jacobians(pose).J_T.dot(velocities).take(self._major)
             residual = step.major - moved
-            if _norm(residual) <= _MET * (_norm(step.major) + _norm(moved)):
+            if _norm(residual) <= _ROUND_OFF * (_norm(step.major) + _norm(moved)):
                 return self._on_all(step.here + velocities[self._velocities]), residual
-        # What limits leave of a task may hang on singular values that a tick takes for zero.
+        # The residual may depend on singular values that `Tick` treats as zero.
         now = self.at(pose)
         J, limited = now.kinematics.J, now.limited
-        limited = limited.within(left) if self.form == "gauss_newton" else limited
+        limited = limited.within(remaining) if self.form == "gauss_newton" else limited
         rates = limited.solve(*step.targets(J[self._secondary])).rates
         return self._on_all(step.here + rates), step.major - J[self._major].dot(rates)
 
     def _on_all(self, displacements: Array) -> Array:
-        """Displacements (n',) of the survivors on all actuators, (n,)."""
+        """Expand displacements (n',) of the survivors to all actuators (n,)."""
         return self._expand.dot(displacements) if self._has_failed else displacements
 
     def _step(
@@ -329,38 +329,38 @@ class PrioritizedMapping(Generic[Pose]):
         last: PreviousCommand | None,
         secondary_reference: Array | None,
     ) -> _Step:
-        """What the form of the mapping leaves to do."""
+        """Return the remaining motion of this tick for the form of the mapping."""
         demand = _vector("demand", demand, len(self._major))
         if secondary_reference is None:
             secondary_reference = self._still
         reference = _vector("secondary_reference", secondary_reference, self.actuators)
-        wanted = reference[self._surviving]
+        target = reference[self._surviving]
         if self.form == "incremental":
             if last is None:
                 raise ValueError("last must be given in incremental form, got None")
-            change = wanted - last.secondary_reference[self._surviving]
+            change = target - last.secondary_reference[self._surviving]
             here = last.displacements[self._surviving]
             return _Step(here, demand - last.demand, change, change, self._still_secondary)
         if self.form == "absolute":
-            here, task = self._yielded, None
-            if self._is_off_centre:  # one has already moved the task by J[:, k] l_k
-                task = self._model.twist(pose, self._standing)
+            here, task = self._induced, None
+            if self._is_off_centre:  # a locked actuator displaces the task by J[:, k] l_k
+                task = self._model.twist(pose, self._known_displacements)
         elif commanded is None or self._task is None:
             raise ValueError("commanded must be given in gauss_newton form, got None")
         else:
             here = _vector("commanded", commanded, self.actuators)[self._surviving]
             task = self._task(pose)
         if task is None:
-            return _Step(here, demand, wanted - here, wanted, self._still_secondary)
-        beside = -task[self._secondary]
-        return _Step(here, demand - task[self._major], wanted - here, wanted, beside)
+            return _Step(here, demand, target - here, target, self._still_secondary)
+        secondary = -task[self._secondary]
+        return _Step(here, demand - task[self._major], target - here, target, secondary)
 
     def _moved(
         self, tick: Tick | None, pose: Pose, step: _Step, limits: tuple[Array, Array] | None
     ) -> Array | None:
-        """What a step displaces all velocities by, (N,), in one compiled call; None: it cannot.
+        """Return the displacements (N,) of all joints for a step, by one compiled call.
 
-        `limits` are those of what is left of it.
+        `limits` are relative to `step.here`. None: the compiled call does not apply or not succeed.
         """
         if tick is None:
             return None
@@ -372,37 +372,37 @@ class PrioritizedMapping(Generic[Pose]):
 
     @cached_property
     def _ticks(self) -> list[Tick | None]:
-        """The mapping at one pose after another, without and within limits.
+        """Compiled mappings at any pose, without and with limits.
 
-        None where another optimum is sought.
+        An entry is None for an alternative allocation.
         """
         both = self._at_nominal.mapping, self._at_nominal.limited
         return [of.tick() if isinstance(of, VelocityMapping) else None for of in both]
 
     def followed(self, displacements: Array) -> Array:
-        """Where displacements (n,) of the others take actuators known to be free, shape (n,).
+        """Return the displacements (n,) of free actuators that follow from those of the others.
 
-        To first order about the nominal pose; zero for actuators that are not free.
+        They are of first order about the nominal pose, and zero for actuators that are not free.
         """
         return self._free_follow.dot(displacements + self._locked_at)
 
     def major_motion(self, displacements: Array, pose: Pose) -> Array:
-        """Major task (m1,) of displacements (n,) of all actuators, failed ones too, at the pose."""
+        """Return the major task (m1,) for displacements (n,) of all actuators, failed ones too."""
         return self._model.twist(pose, displacements)[self._major]
 
     def reached(self, pose: Pose) -> Array:
-        """Major task (m1,) at a pose, by the task coordinates, which the mapping must have."""
+        """Return the major task (m1,) at a pose; the mapping must have `task` coordinates."""
         if self._task is None:
             raise ValueError("task must be given for the task at a pose, got None")
         return self._task(pose)[self._major]
 
     def split(self, displacements: Array, pose: Pose) -> tuple[Array, Array, Array]:
-        """Displacements (n,) of the surviving actuators in three parts.
+        """Split displacements (n,) of the surviving actuators into three parts.
 
         Returns:
-            Their effect on the major task, shape (m1,), which the mapping's own displacements would
-            have too; less these, what is secondary motion alone, shape (n,); and what no motion
-            follows, because closed loops tie the actuators together, shape (n,).
+            Their effect on the major task, shape (m1,); the secondary motion that remains after
+            subtracting the mapping's displacements for this effect, shape (n,); and the part that
+            closed loops do not admit as a motion, shape (n,).
         """
         mapping, kinematics, _ = self.at(pose)
         surviving, C = displacements[self._surviving], kinematics.active_constraint
@@ -413,19 +413,19 @@ class PrioritizedMapping(Generic[Pose]):
         return demand, secondary_reference, self._expand.dot(internal)
 
     def estimate(self, displacements: Array, pose: Pose) -> Pose:
-        """The pose to which commanded displacements (n,) lead, from the pose one tick before.
+        """Return the pose for commanded displacements (n,), starting from the pose a tick before.
 
-        There is no sensor for the secondary task; the major task comes from the same commands, so
-        that the estimate carries no sensor noise.
+        The secondary task has no sensor. The major task is estimated from the commands, too, so
+        that the estimate contains no sensor noise.
         """
-        if self.goal.locked_at:  # a former mapping may still have commanded it
+        if self.goal.locked_at:  # the previous mapping may still have commanded it
             displacements = np.where(self._locked, self._locked_at, displacements)
         if self._some_follow:
             displacements = self._follow.dot(displacements)
         return self._model.moved(pose, displacements)
 
     def at(self, pose: Pose, /) -> LocalMapping:
-        """The mapping at a pose."""
+        """Return the mapping at a pose."""
         jacobians = self._model.jacobians(pose)
         if pose is self.nominal or jacobians is self._model.system:
             return self._at_nominal
@@ -441,6 +441,6 @@ class PrioritizedMapping(Generic[Pose]):
 
 
 def _vector(name: str, value: Array, size: int) -> Array:
-    """One vector; at every tick what is one already is passed on."""
-    is_right = check.is_plain(value) and value.shape == (size,)
-    return value if is_right else check.array(name, value, size)
+    """Check a vector; return a valid float64 vector unchanged, since this runs at every tick."""
+    is_valid = check.is_plain(value) and value.shape == (size,)
+    return value if is_valid else check.array(name, value, size)

@@ -1,6 +1,6 @@
 """Fault detection and isolation of any mechanism: n actuators, any outputs, linear models.
 
-Numbers in, numbers out: nothing here knows a simulator, a file or a particular machine.
+It depends neither on a simulator nor on files or a particular machine.
 """
 
 from ftc.fdi.bank import Cause as Cause

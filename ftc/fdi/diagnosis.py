@@ -1,4 +1,4 @@
-"""Settings and results of a diagnosis."""
+"""Settings and results of the diagnosis."""
 
 from dataclasses import dataclass
 
@@ -7,20 +7,20 @@ from ftc.fdi.fault_model import Fault, FaultKind
 from ftc.fdi.uncertainty import TYPICAL, Uncertainty
 
 _SHORTEST_S, _LONGEST_S = 1e-4, 3600.0
+"""Shortest and longest sample [s]."""
 
 
 @dataclass(frozen=True)
 class FdiConfig:
-    """Settings of the diagnosis: what a machine and its user decide.
-
-    Its constants stand beside the rules that use them, each with its reason.
+    """Settings of the diagnosis that depend on the machine and its user.
 
     Attributes:
-        uncertainty: Of the model of the healthy plant.
-        dither_hz: Frequency of the dither, above once an hour; None or zero: there is none.
-        false_alarms_per_hour: Of the residual test, at most; an alarm names no actuator yet.
-        sample_s: Commands and outputs are averaged over so long, from 0.1 ms to an hour, or over
-            one control tick; by default a dozen samples in a period of a dither of 20 Hz.
+        uncertainty: Uncertainty of the model of the healthy plant.
+        dither_hz: Frequency of the dither, above once an hour; None or zero: no dither.
+        false_alarms_per_hour: Largest rate of false alarms of the residual test; an alarm does not
+            isolate an actuator yet.
+        sample_s: Time over which commands and outputs are averaged, from 0.1 ms to an hour, and at
+            least one control tick; by default a dozen samples in a period of a 20 Hz dither.
     """
 
     uncertainty: Uncertainty = TYPICAL
@@ -38,22 +38,23 @@ class FdiConfig:
 
 
 DEFAULT_CONFIG = FdiConfig()
+"""Default settings of the diagnosis."""
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """One failure, as far as it is known; times are control ticks.
+    """Diagnosis of one failure; times are control ticks.
 
     Attributes:
-        fault: Actuator and kind.
-        kinds: Those that cannot be told apart yet, the most likely first.
+        fault: Most likely actuator, kind and effectiveness.
+        kinds: Kinds that are not excluded yet, the most likely first.
         actuator_confidence: Probability of the actuator.
         kind_confidence: Probability of the kind, given the actuator.
-        displacement: Of the actuator by this diagnosis.
+        displacement: Estimated displacement of the actuator.
         onset_tick: Most likely time of the failure.
-        alarm_tick: When the residual test raised the alarm.
-        tick: When this was found.
-        confirmed: Whether the time in which it could be revised is over.
+        alarm_tick: Time of the alarm of the residual test.
+        tick: Time of this diagnosis.
+        confirmed: Whether the time in which it may be revised is over.
     """
 
     fault: Fault
@@ -68,12 +69,12 @@ class Diagnosis:
 
     @property
     def is_acted_on(self) -> bool:
-        """Whether a controller obeys it: that an actuator works again is to be confirmed first."""
-        return self.confirmed or not self.fault.is_sound
+        """Return whether a controller has to react; recovery requires confirmation first."""
+        return self.confirmed or not self.fault.is_healthy
 
     @classmethod
-    def told(cls, fault: Fault, displacement: float = 0.0) -> "Diagnosis":
-        """Make the diagnosis of a failure that is known for certain, and from the start."""
+    def known(cls, fault: Fault, displacement: float = 0.0) -> "Diagnosis":
+        """Return the confirmed diagnosis of a fault that is known for certain from the start."""
         check.instance("fault", fault, Fault)
         displacement = check.number("displacement", displacement)
         return cls(fault, (fault.kind,), 1.0, 1.0, displacement, 0, 0, 0, confirmed=True)

@@ -1,7 +1,7 @@
-"""A small motion in the null space of the task, which distinguishes similar failures.
+"""Dither: a small motion in the null space of the task that separates similar failures.
 
-While all actuators work, the task does not see it; an actuator that does not follow leaves its own
-column of the task Jacobian uncancelled.
+It does not move the task while all actuators work; if one does not follow, its column of the task
+Jacobian is not cancelled.
 """
 
 import math
@@ -20,7 +20,7 @@ from argument_checks.ties import ascending, exceeds, greatest
 from ftc.fdi.fault_model import KINDS, NominalModel, fault_model
 from ftc.fdi.separation import (
     ACCURACY,
-    ALIKE,
+    SEPARATION_THRESHOLD,
     Complex,
     FaultResponses,
     Separations,
@@ -33,15 +33,15 @@ from ftc.fdi.uncertainty import CERTAIN, Uncertainty
 from prioritized import canonical_basis
 
 _DEPENDENT, _ROUND_OFF = 1e-10, 1e-10
-"""Parts of the largest: directions that depend on others, and sums that cancel."""
+"""Relative tolerances for linearly dependent directions and for sums that cancel."""
 
 _STARTS, _REFINED, _ITERATIONS = 16, 4, 30
-"""Random directions per dimension, how many of the best are improved, and most steps of each. A
-quarter of them and four times as many find the same dither for a platform and a hand, and one up to
-a tenth worse or better for an arm with four free directions; more steps change nothing."""
+"""Random directions per dimension, number of the best that are improved, and most steps of each. A
+quarter and four times as many give the same dither for a platform and a hand, and one up to a tenth
+worse or better for an arm with four free directions; more steps have no effect."""
 
 _FAR = 1e3
-"""How far a step of the search may go, in sizes of its start, so that nothing overflows."""
+"""Bound of the search variables in units of their start, against overflow."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ class Dither:
     """A sinusoid along one direction of actuator displacements.
 
     Attributes:
-        amplitude: In units of `direction`.
-        direction: Shape (n,); the mapping keeps the part that leaves the task alone.
-        offset: Displacements about which it swings, shape (n,), or one for all.
+        amplitude: Amplitude in units of `direction`.
+        direction: Actuator displacements, shape (n,); the mapping keeps their null-space part.
+        offset: Mean displacements, shape (n,), or one number for all.
     """
 
     amplitude: float
@@ -70,10 +70,10 @@ class Dither:
         vars(self).update(direction=tuple(direction.tolist()), offset=swings_about)
 
     def at(self, time_s: float) -> Array:
-        """Desired actuator displacements at a time, shape (n,)."""
+        """Return the desired actuator displacements (n,) at a time [s]."""
         angle = 2 * math.pi * self.frequency_hz * check.number("time_s", time_s)
-        offset, swing = self._arrays
-        return offset + math.sin(angle) * swing
+        offset, sinusoid = self._arrays
+        return offset + math.sin(angle) * sinusoid
 
     @cached_property
     def _arrays(self) -> tuple[Array, Array]:
@@ -83,20 +83,20 @@ class Dither:
 def separations(
     nominal: NominalModel, dither: Dither, time_s: float, uncertainty: Uncertainty = CERTAIN
 ) -> Separations:
-    """Distances of all failures of one actuator in so much time of a dither's steady state.
+    """Return the distances between all single failures after `time_s` of a steady dither.
 
-    Its frequency is below half the control frequency. Below the bandwidth of a loop the commands
-    that are sent differ from the dither after a failure.
+    Its frequency is below half the control frequency. Below the bandwidth of a loop the actual
+    commands differ from the dither after a failure.
 
     Raises:
-        ValueError: Besides, the frequency is that of an undamped mode.
+        ValueError: An argument is invalid, or the frequency is that of an undamped mode.
     """
     commanded, at_hz = _driven(nominal, dither)
     return separations_at(fault_responses(nominal, at_hz, time_s, uncertainty), 0, commanded)
 
 
 def _driven(nominal: NominalModel, dither: Dither) -> tuple[Array, Array]:
-    """Amplitudes (n,) of the commands of a dither, and its frequency, shape (1,); checked."""
+    """Check a dither; return the amplitudes (n,) of its commands and its frequency, (1,)."""
     check.instance("nominal", nominal, NominalModel)
     check.instance("dither", dither, Dither)
     direction = check.array("dither.direction", dither.direction, nominal.actuators)
@@ -107,15 +107,17 @@ def _driven(nominal: NominalModel, dither: Dither) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class AddedSensor:
-    """What is separated with one more sensor, and how many are left alike.
+    """Separations with one more sensor.
 
-    These are pairs of actuators, and actuators with a failure that stays undetected, below
-    :data:`ftc.fdi.separation.ALIKE`.
+    Attributes:
+        separations: Distances between failures with this sensor.
+        indistinguishable: Number of pairs of actuators, and of actuators with an undetected
+            failure, below :data:`ftc.fdi.separation.SEPARATION_THRESHOLD`.
     """
 
     name: str
     separations: Separations
-    alike: int
+    indistinguishable: int
 
 
 def ranked_sensors(
@@ -125,32 +127,33 @@ def ranked_sensors(
     time_s: float,
     uncertainty: Uncertainty = CERTAIN,
 ) -> tuple[AddedSensor, ...]:
-    """Rank further sensors by what each leaves alike, then by the least separation; best first.
+    """Rank additional sensors by indistinguishable pairs, then by the least separation.
 
-    Those that are equally good, as by symmetry, stay in their order. Of each candidate: what it
-    measures, a row per state (s,), and the standard deviation of one sample; the plant and the
-    dither are as of :func:`ftc.fdi.separations`.
+    The best one is first; equally good ones stay in their order. Each candidate has its row per
+    state (s,) and the standard deviation of one sample; the other arguments are those of
+    :func:`ftc.fdi.separations`.
     """
     commanded, at_hz = _driven(nominal, dither)
     check.instance("candidates", candidates, Mapping)
-    # What a sensor shows depends on no other: of all of them at once.
-    every = _with_sensors(nominal, candidates)
-    responses = fault_responses(every, at_hz, time_s, uncertainty)
-    own, found = len(nominal.noise), []
+    # The response of a sensor does not depend on the others: compute all at once.
+    extended = _with_sensors(nominal, candidates)
+    responses = fault_responses(extended, at_hz, time_s, uncertainty)
+    measured, sensors = len(nominal.noise), []
     for k, name in enumerate(candidates):
-        seen = [*range(own), own + k]
-        change, errors = responses.change[..., seen, :], responses.errors[..., seen, :]
-        apart = separations_at(replace(responses, change=change, errors=errors), 0, commanded)
-        alike = int(np.triu(apart.between_actuators < ALIKE).sum())
-        found.append(AddedSensor(name, apart, alike))
-    alike, least = [each.alike for each in found], [-each.separations.least for each in found]
-    return tuple(found[k] for k in ascending(alike, least, accuracy=ACCURACY))
+        rows = [*range(measured), measured + k]
+        change, errors = responses.change[..., rows, :], responses.errors[..., rows, :]
+        separated = separations_at(replace(responses, change=change, errors=errors), 0, commanded)
+        indistinguishable = int(np.triu(separated.between_actuators < SEPARATION_THRESHOLD).sum())
+        sensors.append(AddedSensor(name, separated, indistinguishable))
+    pairs = [sensor.indistinguishable for sensor in sensors]
+    least = [-sensor.separations.least for sensor in sensors]
+    return tuple(sensors[k] for k in ascending(pairs, least, accuracy=ACCURACY))
 
 
 def _with_sensors(
     nominal: NominalModel, candidates: Mapping[str, tuple[ArrayLike, float]]
 ) -> NominalModel:
-    """The plant with all candidates measured, after what is measured already."""
+    """Return the plant with the outputs of all candidates after its own outputs."""
     rows, sigmas = [nominal.plant.C], [*nominal.noise]
     for candidate in candidates.values():
         try:
@@ -166,14 +169,14 @@ def _with_sensors(
 
 @dataclass(frozen=True)
 class Cost:
-    """What a dither may cost while nothing has failed.
+    """Largest motions that a dither may cause without a failure.
 
     Attributes:
-        largest_displacement: Of any actuator, commanded and made; for an actuator that works
-            against a spring the command is also its force.
-        task: What is to stand still, rows per state of the plant, shape (m, s).
-        largest_task_motion: Of each row, a number or shape (m,). A direction in the null space
-            moves the task by dynamics alone.
+        largest_displacement: Largest commanded and actual displacement of any actuator; for an
+            actuator that works against a spring the command is also its force.
+        task: Task that has to stand still, rows per state of the plant, shape (m, s).
+        largest_task_motion: Largest motion of each row, a number or shape (m,). A direction in the
+            null space moves the task by dynamics only.
     """
 
     largest_displacement: float
@@ -193,7 +196,7 @@ class Cost:
         object.__setattr__(self, "largest_task_motion", check.frozen(most))
 
     def limits(self, nominal: NominalModel, frequencies_hz: Array) -> Complex:
-        """Rows per command that may reach one, shape (F, 2 n + m, n)."""
+        """Return rows per command whose absolute values may be at most one, (F, 2 n + m, n)."""
         n, s = nominal.displacement.shape
         rows = np.vstack([nominal.displacement, check.array("task", self.task, None, s)])
         states = steady_states([fault_model(nominal)], nominal.period_s, frequencies_hz)
@@ -205,14 +208,15 @@ class Cost:
 
 @dataclass(frozen=True)
 class DitherDesign:
-    """A dither, and what it separates.
+    """Designed dither and the separations that it achieves.
 
     Attributes:
-        dither: Of amplitude zero where the task leaves no freedom.
-        separable: Pairs of actuators that some direction and frequency of the search separated, and
-            on the diagonal actuators that one separated from no failure, shape (n, n); the least
-            separation of these was maximized. All, where none was.
-        task_motion: Amplitude of each row of the task while nothing has failed, shape (m,).
+        dither: Dither, with amplitude zero if the task has no null space.
+        separations: Distances between failures with this dither.
+        separable: Mask (n, n) of the pairs of actuators that some direction and frequency of the
+            search separated, on the diagonal from no failure; their least separation was maximized.
+            All pairs if there was none.
+        task_motion: Amplitude of each row of the task without a failure, shape (m,).
         displacement: Amplitude of each actuator's motion, shape (n,).
     """
 
@@ -234,25 +238,24 @@ def designed_dither(
     time_s: float,
     uncertainty: Uncertainty = CERTAIN,
 ) -> DitherDesign:
-    """Design the dither of the largest least separation between actuators.
+    """Design the dither that maximizes the least separation between actuators.
 
-    Active fault diagnosis by an auxiliary input (Campbell and Nikoukhah, Auxiliary Signal Design
-    for Failure Detection, 2004). The problem is not convex. Random directions at each frequency,
-    always the same, are compared, and the best of all improved by sequential quadratic programming:
-    a good dither, without a proof that there is no better. The separation grows with the amplitude,
-    which is therefore the largest allowed.
+    This is active fault diagnosis by an auxiliary input (Campbell and Nikoukhah, Auxiliary Signal
+    Design for Failure Detection, 2004). The problem is not convex: the best of reproducible random
+    directions at each frequency are improved by sequential quadratic programming, without a proof
+    of optimality. The separation grows with the amplitude, which is the largest allowed.
 
     Args:
-        nominal: The plant without failures, and what is measured of it.
-        freedom: Directions that the major task leaves, and closed loops allow, the columns of a
-            matrix (n, r); they may depend on each other, as those of a mapping's gain `joint` do.
-        frequencies_hz: To choose from, above zero and below half the control frequency, shape (F,).
-        cost: What the dither may cost.
-        time_s: In which failures are to be told apart, a period of the dither or more.
-        uncertainty: Of the model.
+        nominal: Plant without failures, and its outputs.
+        freedom: Directions in the null space of the major task that closed loops admit, the columns
+            of a matrix (n, r); they may be dependent, such as a mapping's gain `joint`.
+        frequencies_hz: Candidate frequencies, between zero and half the control frequency, (F,).
+        cost: Largest motions that the dither may cause.
+        time_s: Time in which failures have to be separated, at least a period of the dither.
+        uncertainty: Uncertainty of the model.
 
     Raises:
-        ValueError: Besides, a frequency is that of an undamped mode.
+        ValueError: An argument is invalid, or a frequency is that of an undamped mode.
     """
     responses = fault_responses(nominal, frequencies_hz, time_s, uncertainty)
     hz, n = responses.frequencies_hz, nominal.actuators
@@ -262,7 +265,7 @@ def designed_dither(
     direction = u / amplitude if amplitude else u
     terms = limits[k] * u
     moved, parts = np.abs(terms.sum(axis=1)), np.abs(terms).sum(axis=1)
-    moved = np.where(moved > _ROUND_OFF * parts, moved, 0.0)  # where they cancel to round-off
+    moved = np.where(moved > _ROUND_OFF * parts, moved, 0.0)  # a sum that cancels is zero
     return DitherDesign(
         Dither(amplitude, float(hz[k]), tuple(direction.tolist())),
         separations_at(responses, k, u),
@@ -273,7 +276,7 @@ def designed_dither(
 
 
 def _basis(freedom: ArrayLike, n: int) -> Array:
-    """Orthonormal basis (n, r) of the span of columns, the same however that is given."""
+    """Return the canonical orthonormal basis (n, r) of the span of the columns."""
     N = check.array("freedom", freedom, copy=True)
     if N.ndim != 2 or len(N) != n:
         raise ValueError(f"freedom must be a matrix with {n} rows, got shape {N.shape}")
@@ -284,9 +287,10 @@ def _basis(freedom: ArrayLike, n: int) -> Array:
 
 @dataclass(frozen=True)
 class _Search:
-    """Search for a dither at one of F frequencies: random directions, the best improved.
+    """Search for a dither at one of F frequencies by random starts and local improvement.
 
-    Commands are `basis` (n, r) x; no row per command in `limits` (F, l, n) may exceed one.
+    Commands are `basis` (n, r) x; the absolute values of `limits` (F, l, n) times them are at most
+    one.
     """
 
     basis: Array
@@ -294,72 +298,74 @@ class _Search:
     responses: FaultResponses
 
     def best(self) -> tuple[int, Array, Mask]:
-        """Number of the frequency, commands (n,), and pairs as `DitherDesign.separable`."""
+        """Return the index of the frequency, the commands (n,) and `DitherDesign.separable`."""
         n, r = self.basis.shape
         if not r:
             return 0, np.zeros(n), np.ones((n, n), dtype=bool)
         starts = np.random.default_rng(0).normal(size=(_STARTS * r, r))
-        tried = [(k, self._largest(k, x)) for k in range(len(self.limits)) for x in starts]
-        found = [self._between(k, x) for k, x in tried]
-        separable = np.max(found, axis=0) >= ALIKE
+        candidates = [(k, self._largest(k, x)) for k in range(len(self.limits)) for x in starts]
+        values = [self._between(k, x) for k, x in candidates]
+        separable = np.max(values, axis=0) >= SEPARATION_THRESHOLD
         if not separable.any():
             separable[:] = True
-        least = np.array([each[separable].min() for each in found])
-        chosen = [tried[i] for i in ascending(-least, accuracy=ACCURACY)[:_REFINED]]
+        least = np.array([pairs[separable].min() for pairs in values])
+        chosen = [candidates[i] for i in ascending(-least, accuracy=ACCURACY)[:_REFINED]]
         refined = [self._improved(k, x, separable) for k, x in chosen]
-        _, k, x = refined[greatest([reached for reached, *_ in refined], ACCURACY)]
+        _, k, x = refined[greatest([separation for separation, *_ in refined], ACCURACY)]
         u = self.basis @ x
         return k, u * np.sign(u[greatest(np.abs(u), ACCURACY)]), separable
 
     def _between(self, k: int, x: Array) -> Array:
-        """Least separations of two actuators (n, n) at the k-th frequency along x."""
+        """Return the least separations of two actuators (n, n) at the k-th frequency along x."""
         return separations_at(self.responses, k, self.basis @ x).between_actuators
 
     def _largest(self, k: int, x: Array) -> Array:
-        """As far along x as the limits allow."""
+        """Scale x to the largest size within the limits."""
         return x / np.abs(self.limits[k] @ (self.basis @ x)).max()
 
     def _improved(self, k: int, x: Array, separable: Mask) -> tuple[float, int, Array]:
-        """Least separation, and where: max t with all separations t or more, within the limits."""
-        before, size = self._between(k, x)[separable].min(), float(np.linalg.norm(x))
-        if not before:  # by symmetry: nothing tells where to go
-            return before, k, x
+        """Return the improved least separation, k and x: maximize the minimum within the limits."""
+        initial, size = self._between(k, x)[separable].min(), float(np.linalg.norm(x))
+        if not initial:  # by symmetry: there is no direction of ascent
+            return initial, k, x
         start = np.append(x / size, 1.0)
         end = scipy.optimize.minimize(
             lambda xt: -xt[-1],
             start,
             jac=lambda xt: -np.eye(len(xt))[-1],
             bounds=[(-_FAR, _FAR)] * len(start),
-            constraints={"type": "ineq", "fun": self._room(k, size, before, separable)},
+            constraints={"type": "ineq", "fun": self._slack(k, size, initial, separable)},
             method="SLSQP",
             options={"maxiter": _ITERATIONS},
         ).x[:-1]
         if not (np.isfinite(end).all() and end.any()):
-            return before, k, x
-        after = self._largest(k, end)
-        reached = self._between(k, after)[separable].min()
-        return (reached, k, after) if exceeds(reached, before, ACCURACY) else (before, k, x)
+            return initial, k, x
+        improved = self._largest(k, end)
+        separation = self._between(k, improved)[separable].min()
+        is_better = exceeds(separation, initial, ACCURACY)
+        return (separation, k, improved) if is_better else (initial, k, x)
 
-    def _room(
-        self, k: int, size: float, before: float, separable: Mask
+    def _slack(
+        self, k: int, size: float, initial: float, separable: Mask
     ) -> Callable[[Array], Array]:
-        """What is not to become negative, of [x / size; t], with t in units of `before`.
+        """Return the function of [x / size; t] whose components must not be negative.
 
-        All distances, not the least of each pair, which would have kinks.
+        t is in units of `initial`. All distances are constraints, since the minimum of each pair is
+        not smooth.
         """
         number = np.repeat(np.arange(len(separable)), len(KINDS))
         others = separable[number[:, None], number] & (number[:, None] != number)
         detected = separable.diagonal()[number]
 
-        @lru_cache(maxsize=2)  # differences along t, and of the point before, are of the same x
-        def apart_and_within(x: bytes) -> tuple[Array, Array]:
-            u = size * self.basis @ np.nan_to_num(np.frombuffer(x))  # a step that failed is NaN
-            found = separations_at(self.responses, k, u)
-            apart = np.concatenate([found.distance[others], found.from_none[detected]])
-            return apart / before, 1 - np.abs(self.limits[k] @ u) ** 2
+        @lru_cache(maxsize=2)  # finite differences along t use the same x
+        def distances_and_slacks(x: bytes) -> tuple[Array, Array]:
+            u = size * self.basis @ np.nan_to_num(np.frombuffer(x))  # a failed step is NaN
+            result = separations_at(self.responses, k, u)
+            distances = np.concatenate([result.distance[others], result.from_none[detected]])
+            return distances / initial, 1 - np.abs(self.limits[k] @ u) ** 2
 
-        def room(xt: Array) -> Array:
-            apart, within = apart_and_within(xt[:-1].tobytes())
-            return np.concatenate([apart - xt[-1], within])
+        def slack(xt: Array) -> Array:
+            distances, slacks = distances_and_slacks(xt[:-1].tobytes())
+            return np.concatenate([distances - xt[-1], slacks])
 
-        return room
+        return slack

@@ -1,7 +1,7 @@
-"""Observer: the nominal model beside the plant, its residuals, and the test that raises alarms.
+"""Observer: residuals of the nominal model, and the test that raises alarms.
 
-While the plant is as the model has it, the innovations are white noise of unit variance; a failure
-adds a mean, and under a dither a sinusoid of its frequency.
+While the plant agrees with the model, the innovations are white noise of unit variance; a failure
+adds a mean and, with a dither, a sinusoid of its frequency.
 """
 
 from collections.abc import Sequence
@@ -20,51 +20,51 @@ from ftc.fdi.uncertainty import UncertainModel, Uncertainty
 from kernels import ffi, lib, pointer
 
 LEARNING_S = 0.8
-"""So long after the start the plant is taken for healthy, and the spectrum of its residuals
-measured: 200 samples of 4 ms, twenty for each coefficient."""
+"""Time after the start in which the plant is assumed healthy and the spectrum of its residuals is
+measured [s]: 200 samples of 4 ms, twenty for each coefficient."""
 
-# Halved or doubled, each of the next six names the same 18 of 18 failures of the hexapod, on plants
-# drawn by their uncertainty, after 72 ms; of 24 flights of carts in which no failure fits it names
-# none, but for one with twice the slow input.
+# With half or twice each of the next six constants the same 18 of 18 failures of the hexapod are
+# isolated after 72 ms, on plants sampled by their uncertainty; of 24 runs of carts in which no
+# failure fits none leads to an isolation, except one with twice the slow input.
 
 MEMORY_S = 5.0
-"""After so long e^-1 of a residual is left in the spectrum."""
+"""Time constant of the exponential forgetting of the spectrum [s]."""
 
 ORDER = 10
-"""Coefficients of the autoregression, two for each of five resonances of the noise; what is slower
-is learned as offsets that drift. A count: with as much time instead, at slow sampling, it has too
-few coefficients for a hum, and nine of fifty forces that hum as the dither name an actuator; about
-half of them so."""
+"""Coefficients of the autoregression, two for each of five resonances of the noise; slower noise is
+learned as drifting offsets. It is a count: a constant time has too few coefficients for a hum at
+slow sampling, and about twice as many of fifty humming forces lead to a false isolation."""
 
 LONGEST_S = 0.5
-"""The longest mean that is tested: a shift that needs a longer one is learned as an offset that
-drifts, a standard deviation of noise in a second."""
+"""Longest mean of the residual test [s]: a shift that needs a longer one is learned as a drifting
+offset, of a standard deviation of noise in a second."""
 
 _RIDGE = 1e-2
-"""White noise that is added to the residuals, in their standard deviations, so that a spectrum
-which is singular (a constant, a sinusoid) is weighed at most a hundredfold."""
+"""White noise added to the residuals, in their standard deviations: the filter of a singular
+spectrum (a constant, a sinusoid) amplifies at most a hundredfold."""
 
 _SLOW_INPUT = 50.0
-"""Slow unknown inputs, in standard deviations of noise: so large that nothing is inferred from
-what is slow."""
+"""Slow unknown inputs, in standard deviations of noise: large enough to exclude slow residuals from
+the evidence."""
 
-_SLOWER = 40.0
-"""Such inputs are so many times slower than the dither: half a hertz beside one of 20 Hz."""
+_SLOWER_THAN_DITHER = 40.0
+"""Ratio of the dither's frequency to the corner of slow unknown inputs: 20 Hz to 0.5 Hz."""
 
-_FORGOTTEN_S, _JUMP = 2.0, 0.5
-"""The remaining force of a weak actuator is a random walk: two standard deviations after so long
-without motion that shows it, and one at an alarm, are half of the force of a healthy one."""
+_FORCE_MEMORY_S, _FORCE_JUMP = 2.0, 0.5
+"""Random walk of the remaining force of a weak actuator: time without excitation after which two
+standard deviations are half the force of a healthy one [s], and one standard deviation at an alarm
+as a fraction of that force."""
 
 _LEAST_OFFSET = 1e-6
-"""Of a sensor, in standard deviations of its noise: a root of the covariance has no zeros."""
+"""Smallest standard deviation of a sensor's offset, in units of its noise: a root has no zeros."""
 
 
 class Parameters(NamedTuple):
-    """J errors of the model, in standard deviations, then p offsets, in those of the noise.
+    """Estimates of J model errors, in standard deviations, and p offsets, in those of the noise.
 
-    The last errors are those of limits of dry friction, where there are any. The covariance is kept
-    as a lower triangular root: where the motion shows a parameter a billion times better than the
-    noise, rounding would leave the covariance itself indefinite (Kailath, Sayed and Hassibi, Linear
+    The last errors are those of the limits of dry friction, if any. The covariance is stored as a
+    lower triangular root: rounding could make the covariance itself indefinite if the motion
+    determines a parameter a billion times better than the noise (Kailath, Sayed and Hassibi, Linear
     Estimation, 2000, section 12.1).
     """
 
@@ -78,16 +78,16 @@ class Parameters(NamedTuple):
 
     @classmethod
     def prior(cls, errors: int, outputs: int, uncertainty: Uncertainty) -> "Parameters":
-        """Make the parameters before anything is measured."""
+        """Return the prior of the parameters, before any measurement."""
         offset = max(uncertainty.offset, _LEAST_OFFSET)
         spread = np.concatenate([np.ones(errors), np.full(outputs, offset)])
         return cls(np.zeros(errors + outputs), np.diag(spread))
 
     def spread(self, deviations: Array) -> "Parameters":
-        """Add independent random steps of these standard deviations, shape (J + p,)."""
+        """Return the parameters after independent random steps of standard deviations (J + p,)."""
         k, after = len(deviations), np.empty_like(self.root)
-        room = pointer(np.empty(2 * k * (k + 1)))
-        lib.spread_root(pointer(self.root), pointer(deviations), k, room, pointer(after))
+        workspace = pointer(np.empty(2 * k * (k + 1)))
+        lib.spread_root(pointer(self.root), pointer(deviations), k, workspace, pointer(after))
         return Parameters(self.mean, after)
 
 
@@ -96,7 +96,7 @@ class Spectrum(NamedTuple):
 
     Attributes:
         recent: Latest residuals, the newest last, shape (q + 1, p).
-        covariance: Their mean products with the newest, by lag, shape (q + 1, p).
+        covariance: Mean products of the residuals with the newest, by lag, shape (q + 1, p).
     """
 
     recent: Array
@@ -106,17 +106,17 @@ class Spectrum(NamedTuple):
     def filter(
         self, fitted: float = 0.0, memory: float = np.inf, slow: float | None = None
     ) -> Array:
-        """Weights (q + 1, p) of the newest to the oldest residual, whose sum is white.
+        """Return the whitening filter: weights (q + 1, p) of the newest to the oldest residual.
 
-        An autoregression for each output (Yule and Walker; Kay, Modern Spectral Estimation, 1988,
-        chapter 7).
+        It is an autoregression for each output (Yule and Walker; Kay, Modern Spectral Estimation,
+        1988, chapter 7).
 
         Args:
-            fitted: Parameters for each output that were fitted to the same residuals, beside the q
-                of the autoregression. Both make them look smaller than new ones will be, by the
-                final prediction error (Akaike, Annals Inst. Statistical Mathematics 21, 1969).
-            memory: Samples after which residuals are forgotten.
-            slow: Corner in radians a sample below which unknown inputs may act besides.
+            fitted: Parameters for each output fitted to the same residuals, in addition to the q of
+                the autoregression. The variance is corrected for both by the final prediction error
+                (Akaike, Annals Inst. Statistical Mathematics 21, 1969).
+            memory: Time constant of the forgetting, in samples.
+            slow: Corner frequency [rad/sample] of additional slow unknown inputs; None: no inputs.
         """
         samples = min(self.samples, memory)
         freedom = min(len(self.covariance) - 1 + fitted, samples / 2)
@@ -138,21 +138,21 @@ class Spectrum(NamedTuple):
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """Alarm when a mean of the latest residuals, plain or demodulated, exceeds a threshold.
+    """Detector that alarms when a plain or demodulated mean of residuals exceeds a threshold.
 
-    Finite moving averages (Basseville and Nikiforov, Detection of Abrupt Changes, 1993, section
-    2.1) over several numbers M of samples, as they are and demodulated by the dither (lock-in):
-    of one sample, for a jump, to half a second, for a creeping change. Union bound: the rate of
-    false alarms is at most that of all means together, each exact for Gaussian noise.
+    It uses finite moving averages (Basseville and Nikiforov, Detection of Abrupt Changes, 1993,
+    section 2.1) over several numbers M of samples, plain and demodulated by the dither (lock-in):
+    from one sample, for a jump, to half a second, for a slow change. By the union bound the rate of
+    false alarms is at most the sum of the rates of all means, exact for Gaussian noise.
 
     Attributes:
         windows: All M, ascending powers of two.
-        demodulated: The least M of a demodulated mean, half a period of the dither or more: in less
-            its cosine and sine would be one and the same, and large twice as often as independent.
-        swing: Cosine and sine of the dither at each of the latest samples, shape (max M, 2); its
-            phase does not matter. None without a dither.
-        threshold: Of chi-square variables with p degrees of freedom.
-        demodulated_threshold: Likewise with 2 p.
+        demodulated: Smallest M of a demodulated mean, at least half a period of the dither: in less
+            time its cosine and sine are not independent.
+        carrier: Cosine and sine of the dither at the latest samples, shape (max M, 2), of any
+            phase. None without a dither.
+        threshold: Threshold of chi-square variables with p degrees of freedom.
+        demodulated_threshold: Threshold of chi-square variables with 2 p degrees of freedom.
     """
 
     outputs: int
@@ -161,7 +161,7 @@ class ResidualTest:
     dither_hz: float | None = None
     windows: tuple[int, ...] = field(init=False)
     demodulated: int = field(init=False)
-    swing: Array | None = field(init=False)
+    carrier: Array | None = field(init=False)
     threshold: float = field(init=False)
     demodulated_threshold: float = field(init=False)
 
@@ -176,21 +176,21 @@ class ResidualTest:
         vars(self).update(
             windows=windows,
             demodulated=demodulated[0] if demodulated else windows[-1],
-            swing=np.column_stack([np.cos(angle), np.sin(angle)]) if demodulated else None,
+            carrier=np.column_stack([np.cos(angle), np.sin(angle)]) if demodulated else None,
             threshold=float(chdtri(p, probability)),
             demodulated_threshold=float(chdtri(2 * p, probability)),
         )
 
     def start(self) -> Array:
-        """Residuals before the first sample, zero, shape (max M, p)."""
+        """Return the residuals before the first sample: zeros of shape (max M, p)."""
         return np.zeros((self.windows[-1], self.outputs))
 
     def alarm(self, recent: Array) -> int:
-        """The smallest M for which the latest residuals (max M, p) are more than noise, or 0."""
-        swing = ffi.NULL if self.swing is None else pointer(self.swing)
+        """Return the smallest M whose mean of residuals (max M, p) exceeds its threshold, or 0."""
+        carrier = ffi.NULL if self.carrier is None else pointer(self.carrier)
         thresholds = self.threshold, self.demodulated_threshold
-        own = swing, self.demodulated, *thresholds, pointer(np.empty(3 * self.outputs))
-        return lib.alarming(*recent.shape, pointer(recent), *own)
+        arguments = carrier, self.demodulated, *thresholds, pointer(np.empty(3 * self.outputs))
+        return lib.alarming(*recent.shape, pointer(recent), *arguments)
 
 
 @dataclass(frozen=True)
@@ -199,13 +199,13 @@ class ObserverState:
 
     Attributes:
         sample: Number of samples so far.
-        X: State of the nominal model and of its errors, shape (1 + J, s).
+        X: State of the nominal model and its sensitivities to errors, shape (1 + J, s).
         memory: Latest residuals and regressors, newest last, shape (q + 1, 1 + J, p).
         whitening: Filter of the residuals, shape (q + 1, p).
-        decoupled: Their filter where slow unknown inputs act besides, much slower than the dither,
-            which then is what shows a failure; without a dither it is `whitening`.
+        decoupled: Filter decoupled from unknown inputs much slower than the dither, which then
+            reveals a failure; without a dither it is `whitening`.
         residual: Latest innovation, shape (p,).
-        measured: Samples since the last one in which nothing was measured.
+        measured: Samples since the last unmeasured one.
     """
 
     sample: int
@@ -220,37 +220,37 @@ class ObserverState:
 
     @property
     def filters(self) -> tuple[float, Array, Array]:
-        """Root mean square of residuals before whitening, and both filters, for a bank."""
+        """RMS of the residuals before whitening, and both filters, for a bank."""
         return float(np.sqrt(self.spectrum.covariance[0].sum())), self.whitening, self.decoupled
 
 
 class Sample(NamedTuple):
-    """One sample, and the state before it.
+    """Inputs and mean outputs of one sample, and the observer state before it.
 
     Attributes:
-        number: How many samples were before it.
+        number: Number of samples before it.
         v: Inputs, shape (r,).
-        y: Mean outputs, in units of their noise, shape (p,); None: nothing was measured.
-        is_whole: Whether it was measured, and all before it that its whitening needs.
+        y: Mean outputs, in units of their noise, shape (p,); None: not measured.
+        is_complete: Whether this sample and all that its whitening needs were measured.
     """
 
     number: int
     v: Array
     y: Array | None
-    is_whole: bool
+    is_complete: bool
     before: ObserverState
 
 
 @dataclass(frozen=True)
 class Observer:
-    """The nominal model beside the plant, with the failures that are known.
+    """Observer with the model of the plant with its known failures; it estimates model errors.
 
     Attributes:
-        period_s: Of a sample.
-        largest: Sum of squares of an innovation that is still learned from, once the spectrum is
-            known: what an alarm is raised for would move the parameters.
-        weak: Actuators known to be weak; what they have left is followed as the error of their
-            gain, where the model has such errors.
+        period_s: Sample period.
+        largest: Largest squared innovation used for learning once the spectrum is known, so that
+            failures do not change the parameters.
+        weak: Actuators known to be weak, whose effectiveness is tracked as a gain error, if the
+            model has gain errors.
     """
 
     model: UncertainModel
@@ -260,9 +260,9 @@ class Observer:
     weak: tuple[Fault, ...] = ()
 
     def start(self, calibration: ObserverState | None = None) -> ObserverState:
-        """State at rest at the equilibrium, with what another run has learned of the machine.
+        """Return the state at rest at the equilibrium, calibrated by the state of another run.
 
-        Zeros of sensors may be others than they were.
+        The sensor offsets may differ from those of the other run.
         """
         p, s = self.model.C.shape
         rows, q = len(self.model.M), ORDER
@@ -295,34 +295,36 @@ class Observer:
         learns: bool = True,
         gated: bool = True,
     ) -> tuple[ObserverState, Sample]:
-        """Take one sample: predict it, and with `learns` learn from it by a Kalman filter.
+        """Predict one sample and, with `learns`, update the parameters by a Kalman filter.
 
-        With `gated` not from an innovation that is too large for noise. A sample that was not
-        measured is as the model predicts it, whatever its parameters are, which drift meanwhile:
-        they are random walks (recursive least squares that forgets what may have drifted; Ljung,
-        System Identification, 1999, section 11.2).
+        With `gated`, innovations too large for noise are not learned. An unmeasured sample is
+        replaced by its prediction. The parameters are random walks, which also drift without
+        measurements (recursive least squares with forgetting; Ljung, System Identification, 1999,
+        section 11.2).
         """
         measured = 0 if y is None else state.measured + 1
         sample = Sample(state.sample, v, y, measured >= len(state.memory), state)
         predicted, X = self.model.step(state.X, v)
-        spectrum, known = state.spectrum, state.parameters
+        spectrum, parameters = state.spectrum, state.parameters
         now: dict[str, Any] = {"sample": state.sample + 1, "X": X, "measured": measured}
         if y is None:
             now["memory"] = np.concatenate([state.memory[1:], np.zeros_like(predicted)[None]])
             now["residual"] = np.zeros(predicted.shape[1])
-            return changed(state, parameters=known.spread(self._drift), **now), sample
+            return changed(state, parameters=parameters.spread(self._drift), **now), sample
         tests = gated and spectrum.samples * self.period_s >= LEARNING_S
         share = 1 / min(spectrum.samples + 1, MEMORY_S / self.period_s)
-        before = state.memory, known.mean, known.root, spectrum.recent, spectrum.covariance
-        after = [np.empty_like(each) for each in before]
+        learned = parameters.mean, parameters.root, spectrum.recent, spectrum.covariance
+        before = state.memory, *learned
+        after = [np.empty_like(array) for array in before]
         p, k = len(y), len(self._drift)
-        residual, room = np.empty(p), np.empty(k * (2 * k + p + 2) + p)
+        residual, workspace = np.empty(p), np.empty(k * (2 * k + p + 2) + p)
+        largest = self.largest if tests else np.inf
         is_learned = lib.correct(
             *(len(state.memory), k - p, p),
-            ffi.new("watched *", [pointer(each) for each in before]),
-            *(pointer(each) for each in (predicted, y, state.whitening, self._drift)),
-            *(share, self.largest if tests else np.inf, learns and sample.is_whole, pointer(room)),
-            ffi.new("watched *", [pointer(each) for each in after]),
+            ffi.new("watched *", [pointer(array) for array in before]),
+            *(pointer(array) for array in (predicted, y, state.whitening, self._drift)),
+            *(share, largest, learns and sample.is_complete, pointer(workspace)),
+            ffi.new("watched *", [pointer(array) for array in after]),
             pointer(residual),
         )
         now |= {"memory": after[0], "residual": residual}
@@ -334,76 +336,78 @@ class Observer:
     def replayed(
         self, state: ObserverState, past: Sequence[Sample]
     ) -> tuple[ObserverState, list[Sample], list[Array]]:
-        """Take past samples again: state after them, the samples as seen now, and residuals."""
+        """Process past samples again; return the final state, the new samples and the residuals."""
         history, residuals = [], []
-        for each in past:
-            state, sample = self.step(state, each.v, each.y)
+        for earlier in past:
+            state, sample = self.step(state, earlier.v, earlier.y)
             history.append(sample)
             residuals.append(state.residual)
         return state, history, residuals
 
     def learned(self, state: ObserverState, history: Sequence[Sample]) -> ObserverState:
-        """Take the history again with the spectrum measured so far, as if known from the start."""
-        new, first, known = self.start(), history[0].before, self.with_spectrum(state).whitening
+        """Return the state after processing the history again with the spectrum measured so far."""
+        new, first, whitening = self.start(), history[0].before, self.with_spectrum(state).whitening
         unknown = {"parameters": new.parameters, "spectrum": new.spectrum, "measured": new.measured}
-        start = replace(first, whitening=known, **unknown)
+        start = replace(first, whitening=whitening, **unknown)
         return self.with_spectrum(self.replayed(start, history)[0])
 
     def samples(self, time_s: float) -> int:
-        """Number of samples that last so long."""
+        """Return the number of samples in a time [s]."""
         return round(time_s / self.period_s)
 
     def drift(self, time_s: float) -> Array:
-        """Standard deviations of the steps of all parameters in so long, shape (J + p,)."""
-        rows, errors, known = len(self.model.M), self.model.first_limit - 1, self.config.uncertainty
-        rates = known.drift_rate, known.friction_rate, known.offset_rate
+        """Return the standard deviations (J + p,) of the drift of all parameters in a time [s]."""
+        rows, errors = len(self.model.M), self.model.first_limit - 1
+        uncertainty = self.config.uncertainty
+        rates = uncertainty.drift_rate, uncertainty.friction_rate, uncertainty.offset_rate
         counts = errors, rows - 1 - errors, len(self.model.C)
         return np.repeat(rates, counts) * np.sqrt(time_s)
 
-    def following(self, state: ObserverState) -> ObserverState:
-        """The state whose offsets of the sensors may be as large as the residuals are."""
-        seen = np.abs(state.memory[:, 0]).max(axis=0)
-        spread = np.concatenate([np.zeros(len(state.parameters.mean) - len(seen)), seen])
+    def with_larger_offsets(self, state: ObserverState) -> ObserverState:
+        """Return the state with sensor offsets as uncertain as the residuals are large."""
+        largest = np.abs(state.memory[:, 0]).max(axis=0)
+        spread = np.concatenate([np.zeros(len(state.parameters.mean) - len(largest)), largest])
         return replace(state, parameters=state.parameters.spread(spread))
 
     def relearning(self, state: ObserverState) -> ObserverState:
-        """The state that takes what it sees from now on for the machine as it is.
+        """Return the state that learns the present residuals as those of the healthy machine.
 
-        The spectrum is soon that of the residuals to come; until then the one known before is
-        tested by: what is known counts as a quarter of the time of learning.
+        The known spectrum counts as a quarter of the learning time, so that new residuals soon
+        replace it; until then it remains in use.
         """
         spectrum = state.spectrum._replace(samples=self.samples(LEARNING_S) // 4)
-        return replace(self.following(state), spectrum=spectrum)
+        return replace(self.with_larger_offsets(state), spectrum=spectrum)
 
-    def doubting(self, state: ObserverState) -> ObserverState:
-        """The state at an alarm: what weak actuators have left may be anything."""
-        return replace(state, parameters=state.parameters.spread(self._strength_steps(_JUMP)))
+    def after_alarm(self, state: ObserverState) -> ObserverState:
+        """Return the state at an alarm, with an uncertain effectiveness of weak actuators."""
+        return replace(state, parameters=state.parameters.spread(self._force_steps(_FORCE_JUMP)))
 
     def strongest(self, state: ObserverState) -> list[tuple[int, float]]:
-        """Weak actuators, and the most that each may have of its force: two standard deviations."""
+        """Return each weak actuator and its effectiveness plus two standard deviations."""
         mean, root = state.parameters.mean, state.parameters.root
         most = 1 + self.config.uncertainty.gain * (mean + 2 * np.linalg.norm(root, axis=1))
         return [
-            (each.actuator, each.effectiveness * float(most[each.actuator])) for each in self.weak
+            (fault.actuator, fault.effectiveness * float(most[fault.actuator]))
+            for fault in self.weak
         ]
 
     def with_spectrum(self, state: ObserverState) -> ObserverState:
-        """The state with the filters of the spectrum measured so far."""
+        """Return the state with the filters of the spectrum measured so far."""
         dither_hz, spectrum = self.config.dither_hz, state.spectrum
-        given = len(state.parameters.mean) / len(state.residual), MEMORY_S / self.period_s
-        whitening = decoupled = spectrum.filter(*given)
+        arguments = len(state.parameters.mean) / len(state.residual), MEMORY_S / self.period_s
+        whitening = decoupled = spectrum.filter(*arguments)
         if dither_hz:
-            corner = 2 * np.pi * dither_hz / _SLOWER * self.period_s
-            decoupled = spectrum.filter(*given, corner)
+            corner = 2 * np.pi * dither_hz / _SLOWER_THAN_DITHER * self.period_s
+            decoupled = spectrum.filter(*arguments, corner)
         return replace(state, whitening=whitening, decoupled=decoupled)
 
     @cached_property
     def _drift(self) -> Array:
-        strength = self._strength_steps(0.25 * np.sqrt(self.period_s / _FORGOTTEN_S))
-        return np.hypot(self.drift(self.period_s), strength)
+        force_steps = self._force_steps(0.25 * np.sqrt(self.period_s / _FORCE_MEMORY_S))
+        return np.hypot(self.drift(self.period_s), force_steps)
 
-    def _strength_steps(self, part: float) -> Array:
-        """Steps of the parameters (J + p,) by which weak actuators have this part more force."""
+    def _force_steps(self, part: float) -> Array:
+        """Return parameter steps (J + p,) that add a fraction of the force to weak actuators."""
         steps = np.zeros(len(self.model.M) - 1 + len(self.model.C))
         for fault in self.weak:
             steps[fault.actuator] = part / (self.config.uncertainty.gain * fault.effectiveness)

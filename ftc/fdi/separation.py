@@ -1,7 +1,6 @@
-"""Which failures can be told apart, by a linear model that is not exact, before anything runs.
+"""Separability of failures by an uncertain linear model, predicted before any run.
 
-Two answers: :func:`separations_at` in the steady state of a dither, and :func:`isolability` in any
-motion.
+:func:`separations_at` applies to the steady state of a dither, :func:`isolability` to any motion.
 """
 
 from dataclasses import dataclass, replace
@@ -21,46 +20,46 @@ from kernels import lib, pointer
 
 Complex = NDArray[np.complex128]
 
-ALIKE = 6.18
-"""Standard deviations, below which more than one of a thousand is mistaken: Phi(-d / 2) = 1e-3."""
+SEPARATION_THRESHOLD = 6.18
+"""Smallest distance [standard deviations] with one confusion in a thousand: Phi(-d / 2) = 1e-3."""
 
 ACCURACY = 1e-6
-"""Part of a distance: the root of a difference of energies, maximized by an iteration."""
+"""Relative accuracy of a distance: root of a difference of energies, maximized iteratively."""
 
 _ROUND_OFF = 1e-13
-"""Part of an energy that is round-off: some hundred roundings of double precision."""
+"""Relative round-off of an energy: some hundred roundings of double precision."""
 
 _HALF = 0.5
-"""Effectiveness of a weak actuator whose failure is to be found: midway between sound and free."""
+"""Effectiveness of the weak actuator of each failure: midway between healthy and free."""
 
 _LOST = 0.01, 0.95
-"""Parts of its force between which a weak actuator has lost: with less lost it is as good as sound,
-with more it is named free."""
+"""Range of the lost fraction of a weak actuator: with less it counts as healthy, with more as
+free."""
 
 _SERVO_PARTS = 0.25, 0.5, 0.75, 0.95, 1.0
-"""Parts lost of a servo's force with a response each, linear in between: the quarters by which the
-diagnosis looks for losses, and the end of :data:`_LOST`."""
+"""Lost fractions of a servo's force with computed responses, interpolated linearly in between:
+those of the hypotheses, and the end of :data:`_LOST`."""
 
 _NEAR_S, _BACK_S, _STEP_S = 0.016, 0.24, 0.02
-"""Onsets are tried at every sample that near the true one, and in these steps so long before it. Of
-the hexapod's failures the least distance is the same, within 3 %, for twice and half of each; large
-ones, of explanations that begin long before, change by a third."""
+"""Candidate onsets [s]: every sample within the first time of the true onset, and in steps of the
+third time within the second before it. Half and twice of each change the least distances of the
+hexapod's failures by at most 3 %, and large ones, of much earlier onsets, by a third."""
 
 
 @dataclass(frozen=True)
 class FaultResponses:
-    """Frequency responses of F frequencies by which each of n failing actuators differs.
+    """Changes of the frequency response by failures of each of n actuators, at F frequencies.
 
     Outputs are in units of their noise ("whitened").
 
     Attributes:
-        frequencies_hz: Shape (F,).
-        parts: Parts of its force that an actuator has lost, ascending to 1, shape (M,).
-        change: Outputs per command, with the actuator locked, and with each of these parts lost,
-            minus those of the plant without failures, shape (F, n, 1 + M, p, n).
+        frequencies_hz: Frequencies, shape (F,).
+        parts: Lost fractions of the force, ascending to 1, shape (M,).
+        change: Outputs per command with the actuator locked, and with each lost fraction, minus
+            those of the plant without failures, shape (F, n, 1 + M, p, n).
         errors: Change of `change` by one standard deviation of each of E uncertain parameters,
             shape (F, n, 1 + M, E, p, n).
-        variance: Of the real and of the imaginary part of a phasor, by the noise alone.
+        variance: Variance of the real and of the imaginary part of a phasor due to noise.
     """
 
     frequencies_hz: Array
@@ -76,18 +75,18 @@ def fault_responses(
     time_s: float,
     uncertainty: Uncertainty = CERTAIN,
 ) -> FaultResponses:
-    """Compute the responses to all failures of one actuator, and their errors to first order.
+    """Compute the responses to all single failures, and their errors to first order.
 
-    A change is against the phasor measured while nothing had failed, so that errors of the model
-    count only as far as they change the difference. It is linear in the commands as they are sent,
-    which a residual is formed with: the reaction of a closed loop is part of these. Constant parts,
-    of loads that fall and of actuators locked off centre, are at frequency zero and not seen here.
+    A change is relative to the phasor measured without a failure, so model errors count only as far
+    as they change the difference. It is linear in the actual commands, which include the reaction
+    of a closed loop. Constant effects of loads and of actuators locked off centre have frequency
+    zero and are not included.
 
-    The F frequencies lie above zero and below half the control frequency. The length of the lock-in
-    `time_s`, after what the failure excites has decayed, is at least a period of each.
+    The F frequencies lie above zero and below half the control frequency. The lock-in lasts
+    `time_s`, at least a period of each, and starts after the transient of the failure.
 
     Raises:
-        ValueError: Besides, a frequency is that of an undamped mode.
+        ValueError: An argument is invalid, or a frequency is that of an undamped mode.
     """
     hz = checked_frequencies(nominal, "frequencies_hz", frequencies_hz)
     check.instance("uncertainty", uncertainty, Uncertainty)
@@ -97,11 +96,11 @@ def fault_responses(
             "time_s must be at least a period of each frequency_hz, "
             f"{1 / hz.min():g} s, got {time_s}"
         )
-    servo = any(each is not None and each.any() for each in (nominal.feedback, nominal.holding))
+    servo = any(part is not None and part.any() for part in (nominal.feedback, nominal.holding))
     parts = np.array(_SERVO_PARTS if servo else [1.0])  # no servo, no load: linear in the loss
     change = _changes(nominal, parts, hz)
-    wrong = perturbed(nominal, uncertainty)
-    errors = [(_changes(each, parts, hz) - change) / STEP for each in wrong]
+    perturbed_models = perturbed(nominal, uncertainty)
+    errors = [(_changes(model, parts, hz) - change) / STEP for model in perturbed_models]
     if uncertainty.delay_s:
         turn = 2j * np.pi * hz * uncertainty.delay_s
         errors.append(-turn[:, None, None, None, None] * change)
@@ -111,7 +110,7 @@ def fault_responses(
 
 
 def checked_frequencies(nominal: NominalModel, name: str, value: ArrayLike) -> Array:
-    """Frequencies (F,) between zero and half the control frequency, checked."""
+    """Check frequencies (F,) between zero and half the control frequency, and return them."""
     check.instance("nominal", nominal, NominalModel)
     hz = check.array(name, value, copy=True)
     nyquist_hz = 0.5 / nominal.period_s
@@ -124,22 +123,22 @@ def checked_frequencies(nominal: NominalModel, name: str, value: ArrayLike) -> A
 
 
 def _changes(nominal: NominalModel, parts: Array, frequencies_hz: Array) -> Complex:
-    """Changes as in :class:`FaultResponses`, shape (F, n, 1 + M, p, n)."""
+    """Return `FaultResponses.change`, shape (F, n, 1 + M, p, n)."""
     faults = [
         (fault,)
         for k in range(nominal.actuators)
         for fault in (Fault(k, "locked"), *(Fault(k, "weak", 1 - part) for part in parts))
     ]
-    models = [fault_model(nominal, each) for each in ((), *faults)]
+    models = [fault_model(nominal, fault_set) for fault_set in ((), *faults)]
     G = models[0].C @ steady_states(models, nominal.period_s, frequencies_hz)
     return (G[:, 1:] - G[:, :1]).reshape(len(G), nominal.actuators, -1, *G.shape[2:])
 
 
 def steady_states(models: list[FaultModel], period_s: float, frequencies_hz: Array) -> Complex:
-    """Phasors of the states of H models per command at F frequencies, shape (F, H, s, n)."""
+    """Return the state phasors of H models per command at F frequencies, (F, H, s, n)."""
     z = np.exp(2j * np.pi * frequencies_hz * period_s)[:, None, None, None]
-    A, B = (np.array([getattr(each, name) for each in models]) for name in "AB")
-    # Few frequencies of many models: solved at once, not each model brought to triangular form.
+    A, B = (np.array([getattr(model, name) for model in models]) for name in "AB")
+    # Few frequencies, many models: direct solutions are faster than a Schur form of each.
     try:
         states = np.linalg.solve(z * np.eye(len(A[0])) - A, B.astype(complex))
     except np.linalg.LinAlgError:
@@ -155,10 +154,11 @@ class Separations:
     """Distances between failures, in standard deviations.
 
     Attributes:
-        faults: All 3 n: each actuator locked, free and half weak, as :data:`ftc.fdi.KINDS`.
-        distance: Of what happens (rows) from each explanation (columns), a weak actuator's at its
-            most similar loss of force, shape (3 n, 3 n).
-        from_none: Of what happens from no failure, shape (3 n,).
+        faults: All 3 n failures: each actuator locked, free and half weak, in the order of
+            :data:`ftc.fdi.KINDS`.
+        distance: Distance of each failure (rows) from each explanation (columns), a weak actuator
+            with its most similar loss of force, shape (3 n, 3 n).
+        from_none: Distance of each failure from no failure, shape (3 n,).
     """
 
     faults: tuple[Fault, ...]
@@ -170,91 +170,94 @@ class Separations:
 
     @property
     def between_actuators(self) -> Array:
-        """Least distance of any failures of two actuators, shape (n, n), symmetric.
+        """Least distance between failures of two actuators, shape (n, n), symmetric.
 
-        On the diagonal: of any failure of the actuator from no failure.
+        The diagonal has the least distance of a failure of the actuator from no failure.
         """
         n, kinds = len(self.faults) // len(KINDS), len(KINDS)
-        both_ways = np.minimum(self.distance, self.distance.T)
-        least = both_ways.reshape(n, kinds, n, kinds).min(axis=(1, 3))
+        symmetric = np.minimum(self.distance, self.distance.T)
+        least = symmetric.reshape(n, kinds, n, kinds).min(axis=(1, 3))
         np.fill_diagonal(least, self.from_none.reshape(n, kinds).min(axis=1))
         return least
 
     @property
     def least(self) -> float:
-        """The least of all failures from those of another actuator, and from no failure."""
+        """Least distance of any failure from those of other actuators and from no failure."""
         return float(self.between_actuators.min())
 
     def isolable(self) -> tuple[Fault, ...]:
-        """Failures :data:`ALIKE` or more from no failure and any failure of another actuator."""
+        """Return the failures separated from no failure and all failures of other actuators."""
         number = np.array([fault.actuator for fault in self.faults])
         others = np.where(number[:, None] != number, self.distance, np.inf).min(axis=1)
-        apart = np.minimum(others, self.from_none) >= ALIKE
-        return tuple(self.faults[k] for k in np.flatnonzero(apart))
+        separated = np.minimum(others, self.from_none) >= SEPARATION_THRESHOLD
+        return tuple(self.faults[k] for k in np.flatnonzero(separated))
 
     def isolates(self, actuator: int, kind: str) -> bool:
-        """Whether a failure is among those that are isolable; a loose actuator counts as free."""
+        """Return whether a failure is isolable; a loose actuator counts as free."""
         kind = "free" if kind == "loose" else kind
-        return any((each.actuator, each.kind) == (actuator, kind) for each in self.isolable())
+        return any((fault.actuator, fault.kind) == (actuator, kind) for fault in self.isolable())
 
-    def alike_actuators(self) -> tuple[tuple[int, ...], ...]:
-        """Groups of two or more actuators, in one chain of pairs nearer than :data:`ALIKE`."""
-        count, label = connected_components(self.between_actuators < ALIKE, directed=False)
+    def indistinguishable(self) -> tuple[tuple[int, ...], ...]:
+        """Return groups of actuators linked by pairs below :data:`SEPARATION_THRESHOLD`."""
+        count, label = connected_components(
+            self.between_actuators < SEPARATION_THRESHOLD, directed=False
+        )
         groups = [tuple(np.flatnonzero(label == k).tolist()) for k in range(count)]
         return tuple(group for group in groups if len(group) > 1)
 
     def undetected(self) -> tuple[Fault, ...]:
-        """Failures that are nearer to no failure than :data:`ALIKE`."""
-        return tuple(self.faults[k] for k in np.flatnonzero(self.from_none < ALIKE))
+        """Return the failures nearer to no failure than :data:`SEPARATION_THRESHOLD`."""
+        return tuple(self.faults[k] for k in np.flatnonzero(self.from_none < SEPARATION_THRESHOLD))
 
 
 def separations_at(responses: FaultResponses, k: int, commanded: Array) -> Separations:
-    """Distances of all failures of one actuator, driven with amplitudes (n,) at the k-th frequency.
+    """Return the distances between single failures for amplitudes (n,) at the k-th frequency.
 
-    Each failure changes the outputs' phasor: its signature. Phasors are Gaussian about it, by the
-    noise of a lock-in and by uncertain parameters, and two failures are apart by the Mahalanobis
-    distance d of their signatures with the mean of both covariances. Two of equal covariance are
-    mistaken for each other with probability Phi(-d / 2); in general with at most exp(-d^2 / 8) / 2
+    Each failure changes the outputs' phasor: its signature. Phasors are Gaussian about it, due to
+    the noise of a lock-in and uncertain parameters. The distance d of two failures is the
+    Mahalanobis distance of their signatures with the mean of both covariances. Two of equal
+    covariance are confused with probability Phi(-d / 2), in general with at most exp(-d^2 / 8) / 2
     (Bhattacharyya's bound; Fukunaga, Introduction to Statistical Pattern Recognition, 1990, section
     3.4).
     """
     change = _parts(responses.change[k] @ commanded)  # (n, 1 + M, 2 p)
     errors = _parts(responses.errors[k] @ commanded)  # (n, 1 + M, E, 2 p)
     C, S = errors.swapaxes(-1, -2) @ errors, responses.variance * np.eye(change.shape[-1])
-    happens, happens_C = (_happening(each, responses.parts) for each in (change, C))
+    signatures, signature_C = (_failures(array, responses.parts) for array in (change, C))
     first, last = _explanations(change, responses.parts)
-    _, last_C = _explanations(C, responses.parts)  # errors of the larger loss, to be safe
-    one = not errors.size
-    if one:  # one covariance for all, factored once
-        happens_C, last_C = np.zeros((2, 1, *S.shape))
-    distance = np.empty((len(happens), len(first)))
-    own, other = (_regular(S + each) / 2 for each in (happens_C, last_C))
-    given = [pointer(each) for each in (happens, first, last - first, own, other)]
-    room = pointer(np.empty(lib.segments_room(len(S))))
-    lib.to_segments(*distance.shape, len(S), *given, one, room, pointer(distance))
+    _, last_C = _explanations(C, responses.parts)  # conservative: errors of the larger loss
+    shared = not errors.size
+    if shared:  # a common covariance, factored once
+        signature_C, last_C = np.zeros((2, 1, *S.shape))
+    distance = np.empty((len(signatures), len(first)))
+    true_C, explanation_C = (_regular(S + array) / 2 for array in (signature_C, last_C))
+    arrays = signatures, first, last - first, true_C, explanation_C
+    arguments = list(map(pointer, arrays))
+    workspace = pointer(np.empty(lib.segments_room(len(S))))
+    lib.to_segments(*distance.shape, len(S), *arguments, shared, workspace, pointer(distance))
     n, kinds = len(change), len(KINDS)
     by_actuator = distance[:, :-1].reshape(kinds * n, n, -1)
     weak = by_actuator[..., 2:].min(axis=-1, keepdims=True)
     full = np.concatenate([by_actuator[..., :2], weak], axis=-1).reshape(kinds * n, kinds * n)
     np.fill_diagonal(full, 0.0)
-    noise = np.sqrt(_ROUND_OFF) * distance.max(initial=0.0)  # each the root of what cancels
+    noise = np.sqrt(_ROUND_OFF) * distance.max(initial=0.0)  # roots of differences that cancel
     full, from_none = (np.where(d > noise, d, 0.0) for d in (full, distance[:, -1]))
     faults = (Fault(k, kind, _HALF * (kind == "weak")) for k in range(n) for kind in KINDS)
     return Separations(tuple(faults), full, from_none)
 
 
 def _regular(C: Array) -> Array:
-    """Covariances with so much more noise that round-off does not make them singular."""
+    """Regularize covariances against round-off."""
     return C + _ROUND_OFF * np.trace(C, axis1=-2, axis2=-1)[..., None, None] * np.eye(C.shape[-1])
 
 
 def _parts(phasors: Complex) -> Array:
-    """Real and imaginary parts beside each other, (..., 2 p)."""
+    """Return the concatenated real and imaginary parts, (..., 2 p)."""
     return np.concatenate([phasors.real, phasors.imag], axis=-1)
 
 
 def _lost(of: Array, parts: Array, amounts: Array) -> Array:
-    """What (n, 1 + M, ...), locked and after losses, is after other losses; linear in between."""
+    """Interpolate values (n, 1 + M, ...), locked and at `parts`, linearly to other losses."""
     nodes = np.concatenate([np.zeros_like(of[:, :1]), of[:, 1:]], axis=1)
     places = np.interp(amounts, [0.0, *parts], np.arange(len(parts) + 1))
     low = np.minimum(places.astype(int), len(parts) - 1)
@@ -262,20 +265,20 @@ def _lost(of: Array, parts: Array, amounts: Array) -> Array:
     return (1 - part) * nodes[:, low] + part * nodes[:, low + 1]
 
 
-def _happening(of: Array, parts: Array) -> Array:
-    """Of what (n, 1 + M, ...) is of each model, what is of each failure of `Separations`."""
+def _failures(of: Array, parts: Array) -> Array:
+    """Select from values (n, 1 + M, ...) those of each failure of `Separations`."""
     half = _lost(of, parts, np.array([1 - _HALF]))
     return np.concatenate([of[:, :1], of[:, -1:], half], axis=1).reshape(-1, *of.shape[2:])
 
 
 def _explanations(of: Array, parts: Array) -> tuple[Array, Array]:
-    """What is of the ends of each explanation: locked, free, intervals of loss; then no failure."""
+    """Return values at both ends of each explanation: locked, free, loss intervals; no failure."""
     least, most = _LOST
     ends = np.array([least, *parts[(parts > least) & (parts < most)], most])
     weak, fixed, none = _lost(of, parts, ends), of[:, [0, -1]], np.zeros((1, *of.shape[2:]))
     first, last = (
-        np.concatenate([fixed, each], axis=1).reshape(-1, *of.shape[2:])
-        for each in (weak[:, :-1], weak[:, 1:])
+        np.concatenate([fixed, bounds], axis=1).reshape(-1, *of.shape[2:])
+        for bounds in (weak[:, :-1], weak[:, 1:])
     )
     return np.concatenate([first, none]), np.concatenate([last, none])
 
@@ -288,24 +291,24 @@ def isolability(
     commanded: Array,
     uncertainty: Uncertainty = CERTAIN,
 ) -> tuple[Array, float]:
-    """Distances d of one failure in a motion from all hypotheses, and from no failure.
+    """Return the distances d of one failure in a motion from all hypotheses and from no failure.
 
-    A distance is that of the outputs, averaged over samples as the diagnosis averages them, in
-    standard deviations of the noise, at the other explanation's best time of onset, loss of force
-    and errors of the model. d^2 / 2 is then the Kullback-Leibler divergence (Basseville and
-    Nikiforov, Detection of Abrupt Changes, 1993, ch. 4).
+    A distance is that of the outputs, averaged over samples like those of the diagnosis, in
+    standard deviations of the noise, for the best onset, loss of force and model errors of the
+    other explanation. d^2 / 2 is the Kullback-Leibler divergence (Basseville and Nikiforov,
+    Detection of Abrupt Changes, 1993, ch. 4).
 
     Args:
-        nominal: The plant without faults.
-        fault: What happens.
-        onset: At which tick, the first one of a sample.
-        states: Of the plant in which it happens, without noise, shape (N, s): N ticks of evidence.
+        nominal: Plant without faults.
+        fault: True fault.
+        onset: Tick of the onset, the first one of a sample.
+        states: States of the faulty plant without noise, shape (N, s), for N ticks of evidence.
         commanded: Displacements from each tick on, shape (N, n).
-        uncertainty: Of the model; what the motion before the onset shows of it is made use of.
+        uncertainty: Uncertainty of the model, reduced by the motion before the onset.
 
     Returns:
-        Distances by actuator and kind as :data:`KINDS`, shape (n, 3); the failure itself has 0. And
-        the distance from no failure.
+        Distances by actuator and kind in the order of :data:`KINDS`, shape (n, 3), zero for the
+        failure itself; and the distance from no failure.
     """
     ticks = max(1, round(DEFAULT_CONFIG.sample_s / nominal.period_s))
     alone = replace(uncertainty, command=0.0, supply=0.0, scale=0.0)
@@ -324,39 +327,40 @@ def distances(
     sampling: tuple[float, int],
     uncertainty: Uncertainty = CERTAIN,
 ) -> tuple[Array, float]:
-    """Distances as of :func:`isolability`, for a plant of any kind, from rest and without faults.
+    """Return the distances of :func:`isolability` for any plant, initially at rest and healthy.
 
-    What happens is a failure or a cause of the bank, which was made for this sampling (period of a
+    The truth is a failure or a cause of the bank, which was made for this sampling (period of a
     tick [s], and ticks of a sample) and uncertainty. Outputs (N, p) are in units of their noise,
-    but without noise.
+    but free of it.
     """
     (period_s, ticks), count = sampling, len(outputs) // sampling[1]
-    near, back, step = (round(each / (period_s * ticks)) for each in (_NEAR_S, _BACK_S, _STEP_S))
+    near, back, step = (round(time / (period_s * ticks)) for time in (_NEAR_S, _BACK_S, _STEP_S))
     first = onset // ticks
     onsets = np.union1d(
         np.arange(max(0, first - near), min(count, first + near)),
         np.arange(max(0, first - back), count, max(1, step)),
     ).astype(int)
-    rest = Observer(bank.believed, FdiConfig(uncertainty), period_s * ticks).start()
-    evidence = bank.start(onsets, rest.parameters, rest.X, rest.memory[-1:])
+    resting = Observer(bank.base_model, FdiConfig(uncertainty), period_s * ticks).start()
+    evidence = bank.start(onsets, resting.parameters, resting.X, resting.memory[-1:])
     y, u = (
         part[: count * ticks].reshape(count, ticks, -1).mean(axis=1)
         for part in (outputs, commanded)
     )
-    before = np.vstack([np.zeros_like(u[:1]), u[:-1]])
+    previous = np.vstack([np.zeros_like(u[:1]), u[:-1]])
     white = np.full((1, y.shape[1]), np.sqrt(ticks))
     for sample in range(count):
-        v = np.concatenate([u[sample], before[sample], [1.0]])
-        evidence = bank.step(evidence, Sample(sample, v, y[sample], True, rest), 0.0, white)
+        v = np.concatenate([u[sample], previous[sample], [1.0]])
+        evidence = bank.step(evidence, Sample(sample, v, y[sample], True, resting), 0.0, white)
     energy = evidence.marginal()[0]
     least = energy[1:-1].min(axis=1)
     others = np.full((len(bank.effectiveness), len(KINDS)), np.inf)
-    for fault, its in zip(bank.faults, least, strict=False):  # causes come after the faults
+    for fault, value in zip(bank.faults, least, strict=False):  # the causes follow the faults
         place = fault.actuator, KINDS.index(fault.kind)
-        others[place] = min(others[place], its)
-    own = (
+        others[place] = min(others[place], value)
+    true_energy = (
         least[len(bank.faults) + bank.causes.index(truth)]
         if isinstance(truth, Cause)
         else others[truth.actuator, KINDS.index(truth.kind)]
     )
-    return np.sqrt(np.maximum(others - own, 0)), float(np.sqrt(max(energy[0, 0] - own, 0)))
+    from_none = float(np.sqrt(max(energy[0, 0] - true_energy, 0)))
+    return np.sqrt(np.maximum(others - true_energy, 0)), from_none

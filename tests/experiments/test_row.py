@@ -47,10 +47,10 @@ def test_a_command_that_an_alarm_changes_is_noticed_however_little(monkeypatch):
     """Without an alarm the supervised controller sends the commands of the unaware one."""
     [case] = plan.hexapod_failures([], 1, 0.1, 0)
     run = rows.supervised(case.rig(), case)
-    assert run.state.watch.alarm_ticks == ()
+    assert run.state.monitor_state.alarm_ticks == ()
     np.testing.assert_array_equal(run.inputs, rows.unaware(case.rig(), case).inputs)
-    watch = replace(run.state.watch, alarm_ticks=(5,))
-    state = replace(run.state, watch=watch)
+    monitor_state = replace(run.state.monitor_state, alarm_ticks=(5,))
+    state = replace(run.state, monitor_state=monitor_state)
     alarmed = replace(run, inputs=run.inputs + 1e-12, state=state)
     monkeypatch.setattr(rows, "supervised", lambda *_: alarmed)
     assert rows.row_of(case)["commands_changed"]
@@ -73,12 +73,15 @@ def columns_of(
     """Columns of a run of 5 s; strut, kind and tick of each diagnosis, 10 ms after its alarm."""
     faults = {strut: Fault(strut, kind) for strut, kind, _ in named if withdrawn_s is None}
     alarms = tuple(tick - 10 for _, _, tick in named)
-    watch = SimpleNamespace(alarm_ticks=alarms, causes=causes, unexplained=False)
+    monitor_state = SimpleNamespace(alarm_ticks=alarms, causes=causes, unexplained=False)
     run: Any = SimpleNamespace(
         diagnoses=[
             DiagnosedFailure(f"strut{k + 1}", kind, t / 1e3, withdrawn_s) for k, kind, t in named
         ],
-        state=SimpleNamespace(watch=watch, standing=list(map(Diagnosis.told, faults.values()))),
+        state=SimpleNamespace(
+            monitor_state=monitor_state,
+            active_diagnoses=list(map(Diagnosis.known, faults.values())),
+        ),
         task_lost=False,
         status="",
         closure_max_m=0.0,

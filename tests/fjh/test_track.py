@@ -20,7 +20,7 @@ from fjh.rig.run import DiagnosedFailure
 from fjh.study.errors import WrongInput
 from fjh.study.result import Result
 from fjh.track import Flown, agreement, rows_of, track
-from ftc.reconfiguration import Outlook
+from ftc.reconfiguration import ErrorPrediction
 from sim import HEXAPOD_MJCF, Array, Failure
 from tests.arms import ARMS as SERIAL
 from tests.fjh.rigs import rig as rig_of
@@ -258,7 +258,7 @@ def test_each_cause_of_an_error_is_named_where_it_is(tmp_path, joint, torque, op
 
 @pytest.mark.long
 def test_a_late_diagnosis_is_named_after_a_lock_in_full_motion(tmp_path, monkeypatch):
-    monkeypatch.setattr(Outlook, "goes_over", lambda *_: True)
+    monkeypatch.setattr(ErrorPrediction, "should_switch", lambda *_: True)
     rig = Rig.of_mjcf(SERIAL["panda"].write(tmp_path / "panda.xml"), site="tool", major=[3, 4, 5])
     path = rig.path("circle", duration_s=2.0, turn_s=2.0)
     stuck = [Failure("joint4", "locked", 1.0)]

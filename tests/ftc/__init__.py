@@ -1,1 +1,1 @@
-"""Fault-tolerant control."""
+"""Tests of fault-tolerant control."""

@@ -1,4 +1,4 @@
-"""The hexapod's controllers and its supervisor in a loop without physics."""
+"""Controllers and supervisor of the hexapod in loops without physics."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -31,7 +31,7 @@ def jacobian() -> np.ndarray:
 
 
 def pointing_of(displacements: np.ndarray) -> np.ndarray:
-    """By the linear model, (2,)."""
+    """Return the pointing angles (2,) by the linear model."""
     return jacobian()[MAJOR] @ displacements
 
 
@@ -58,24 +58,24 @@ def reading(output: np.ndarray) -> Measurement:
     return Measurement(output, np.zeros(6))
 
 
-def steady(pilot, state, ticks: int, secondary_reference=None):
-    """The compensators see no error: what they ask stands still."""
+def steady(controller, state, ticks: int, secondary_reference=None):
+    """Step a controller without an error, so that its demand is constant."""
     for _ in range(ticks):
-        state = pilot.step(state, DESIRED, reading(DESIRED), secondary_reference)
+        state = controller.step(state, DESIRED, reading(DESIRED), secondary_reference)
     return state
 
 
-def pulled(pilot, secondary_reference=None):
-    """Some way out, by an error that lasts a tenth of a second."""
-    state = pilot.start()
+def pulled(controller, secondary_reference=None):
+    """Displace the mechanism by an error that lasts a tenth of a second."""
+    state = controller.start()
     for _ in range(100):
-        state = pilot.step(state, DESIRED, reading(0.7 * DESIRED), secondary_reference)
-    return steady(pilot, state, 200, secondary_reference)
+        state = controller.step(state, DESIRED, reading(0.7 * DESIRED), secondary_reference)
+    return steady(controller, state, 200, secondary_reference)
 
 
 @cache
 def out(form: DisplacementForm = "absolute"):
-    """State of the controller of the healthy machine, some way out."""
+    """Return the displaced state of the controller of the healthy machine."""
     return pulled(controller(EQUAL, form))
 
 
@@ -85,36 +85,36 @@ def diagnosis(fault: Fault, displacement_m: float = 0.0, *, confirmed: bool = Fa
 
 @dataclass(frozen=True)
 class Script:
-    """A monitor that says what it is told to, tick after tick, and counts whom it came after."""
+    """Monitor that returns scripted diagnoses and counts the confirmed ones before it."""
 
-    says: tuple[Diagnosis | None, ...]
+    script: tuple[Diagnosis | None, ...]
     after: int = 0
     ticks: int = 1
 
     @property
     def nominal(self):
-        """Of the healthy machine."""
+        """Model of the healthy machine."""
         return hexapod_rig().nominal
 
-    def step(self, watch, measured, commanded_m):
-        """The next that it says."""
-        return replace(watch, ticks=watch.ticks + 1, diagnosis=self.says[watch.ticks])
+    def step(self, state, measured, commanded_m):
+        """Return the state with the next scripted diagnosis."""
+        return replace(state, ticks=state.ticks + 1, diagnosis=self.script[state.ticks])
 
-    def believing(self, watch):
-        """Itself, one failure later."""
-        return replace(self, after=self.after + 1), replace(watch, diagnosis=None)
+    def with_diagnosis(self, state):
+        """Return the monitor after one more confirmed failure."""
+        return replace(self, after=self.after + 1), replace(state, diagnosis=None)
 
 
 @cache
 def far_out(dither: Dither | None):
-    pilot = supervisor(dither)
-    return replace(pilot.start(), controller=pulled(pilot.first))
+    controller = supervisor(dither)
+    return replace(controller.start(), controller=pulled(controller.first))
 
 
-def supervised(*says: Diagnosis | None, dither: Dither | None = None) -> list[Any]:
-    """The supervisor's states from far out, tick by tick, under a monitor that says this."""
-    states = [replace(far_out(dither), monitor=Script(says))]
-    for tick in range(len(says)):  # a sensor that repeats itself to the bit is stuck
+def supervised(*script: Diagnosis | None, dither: Dither | None = None) -> list[Any]:
+    """Return the supervisor's states, from a displaced one, with scripted diagnoses."""
+    states = [replace(far_out(dither), monitor=Script(script))]
+    for tick in range(len(script)):  # exactly repeated readings would count as stuck
         seen = reading(DESIRED * (1 + 1e-9 * (tick % 2)))
         states.append(supervisor(dither).step(states[-1], DESIRED, seen))
     return states[1:]

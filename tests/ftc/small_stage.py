@@ -1,4 +1,4 @@
-"""A stage with three drives, small enough for thousands of calls, and all about it."""
+"""Stage with three drives, small enough for thousands of calls, and its controllers."""
 
 from functools import cache
 from types import SimpleNamespace
@@ -37,40 +37,42 @@ LOADED |= {"friction": (np.eye(N), np.eye(N), np.ones(N), np.ones(N), np.ones(N)
 
 
 class Stage:
-    """The stage as a :class:`ftc.control.geometry.MechanismModel`; postures are displacements."""
+    """:class:`ftc.control.geometry.MechanismModel` of the stage; postures are displacements."""
 
     nominal = STILL
 
     def jacobians(self, posture: np.ndarray) -> Any:
-        """Constant."""
+        """Return the constant Jacobians."""
         return SimpleNamespace(J_T=J, J_C=np.zeros((0, N)), active=np.arange(N), stiffness=None)
 
     def displacements(self, posture: np.ndarray) -> np.ndarray:
-        """The posture itself."""
+        """Return the posture itself."""
         return posture
 
     def task(self, posture: np.ndarray) -> np.ndarray:
-        """Linear."""
+        """Return the linear task."""
         return J @ posture
 
-    def moved(self, posture: np.ndarray, displacements: np.ndarray, held: np.ndarray) -> np.ndarray:
-        """Where it is told to."""
+    def moved(
+        self, posture: np.ndarray, displacements: np.ndarray, fixed: np.ndarray
+    ) -> np.ndarray:
+        """Return the commanded posture."""
         return displacements
 
 
 class Still:
-    """A machine that does not move, whose sensors have noise, or count in whole numbers."""
+    """Machine at rest with noisy sensors of floats or integers."""
 
     def __init__(self, of: Any = float) -> None:
         self.rng, self.of = np.random.default_rng(1), of
 
     def measure(self) -> Measurement:
-        """Noise."""
+        """Return noise."""
         size = 1.0 if self.of is int else 1e-3
         return Measurement((size * self.rng.normal(size=M1)).astype(self.of), np.zeros(N, self.of))
 
     def apply(self, inputs: np.ndarray) -> None:
-        """Nothing."""
+        """Ignore the inputs."""
 
 
 def possible(faults: Any) -> bool:
@@ -79,7 +81,7 @@ def possible(faults: Any) -> bool:
 
 @cache
 def stage() -> Any:
-    """Models of the stage, controllers of two of its three outputs, and what they are made of."""
+    """Return models and controllers of the stage, and their arguments."""
     eye, none, s = np.eye(N), np.zeros((N, N)), SimpleNamespace()
     s.lower, s.drive = np.hstack([-1e4 * eye, -100.0 * eye]), 1e4 * eye
     s.A, s.B = np.vstack([np.hstack([none, eye]), s.lower]), np.vstack([none, s.drive])
@@ -89,24 +91,26 @@ def stage() -> Any:
     s.model |= {"period_s": PERIOD_S, "step_s": PERIOD_S}
     s.nominal, s.loop = NominalModel(**s.model), compensator(s.channel, SHAPE, PERIOD_S)
     s.system = ConstrainedSystem(J, None, range(N))
-    s.geometry, s.watch = LocalGeometry(s.system), monitor(s.nominal)
+    s.geometry, s.fdi_monitor = LocalGeometry(s.system), monitor(s.nominal)
 
-    def pilot(goal: Goal = GOAL) -> PrioritizedController[Any]:
+    def make_controller(goal: Goal = GOAL) -> PrioritizedController[Any]:
         return PrioritizedController([s.loop] * M1, s.mapping(goal), DRIVES, 0.1)
 
     s.mapping = lambda goal=GOAL, **how: PrioritizedMapping(s.geometry, goal, [0, 1], [2], **how)
-    s.pilot, s.plain = pilot, pilot()
+    s.make_controller, s.plain = make_controller, make_controller()
     s.task = ControlTask(s.nominal, J, (0, 1), GOAL, DRIVES, LIMITS, np.ones(M1))
     s.guarded = GuardedController("own", lambda _: s.plain, s.task)
-    s.supervised = {"goal": GOAL, "controller": pilot, "monitor": s.watch, "is_possible": possible}
+    s.supervised = {"goal": GOAL, "controller": make_controller, "is_possible": possible}
+    s.supervised |= {"monitor": s.fdi_monitor}
     s.supervisor = Supervisor(**s.supervised)
-    s.oracle = {"before": s.plain, "after": pilot(Goal((1.0,) * N, free=(0,))), "tick": 1}
+    reconfigured = make_controller(Goal((1.0,) * N, free=(0,)))
+    s.oracle = {"initial": s.plain, "reconfigured": reconfigured, "tick": 1}
     s.oracle |= {"lost_displacements": STILL, "acting": STILL, "secondary": lambda time_s: STILL}
     return s
 
 
-def flown(controller: Any) -> Any:
-    """What a controller sends in a few ticks, from rest."""
+def simulate(controller: Any) -> Any:
+    """Return the inputs that a controller sends in a few ticks from rest."""
     state = controller.start()
     sent = []
     for _ in range(3):

@@ -1,4 +1,4 @@
-"""Limits in the loop: integrators do not run away from what is achieved, and it stays stable."""
+"""Anti-windup: integrators stay near the achieved demand, and loops with limits stay stable."""
 
 from dataclasses import replace
 from typing import Any
@@ -18,40 +18,40 @@ from tests.profiles import examples
 SEEDS = st.integers(0, 2**32 - 1)
 PERIOD_S = 0.01
 INTEGRATOR = control.ss([[1.0]], [[PERIOD_S]], [[5.0]], [[0.0]], PERIOD_S)
-"""5 / s, by Euler's rule."""
+"""Integrator 5 / s, discretized by Euler's rule."""
 
 
-def pilot_of(mapping: Any, handover_s: float = 0.0, *, anti_windup: bool = True) -> Any:
+def controller_for(mapping: Any, handover_s: float = 0.0, *, anti_windup: bool = True) -> Any:
     loops = [INTEGRATOR] * 2
     return PrioritizedController(loops, mapping, DirectDrive(), handover_s, anti_windup=anti_windup)
 
 
 def driven(controller: PrioritizedController, reference: float, ticks: int, state=None):
-    """The loop around a plant that does at once what it is commanded; major task, (ticks, 2)."""
-    mapping, kept = controller.mapping, []
+    """Return the major task (ticks, 2) of a loop with an ideal plant, and the last state."""
+    mapping, outputs = controller.mapping, []
     state = controller.start() if state is None else state
     for _ in range(ticks):
         output = mapping.major_motion(state.inputs, mapping.nominal)
-        kept.append(output)
+        outputs.append(output)
         still = Measurement(output, np.zeros(0))
         state = controller.step(state, np.array([reference, 0.0]), still)
-    return np.array(kept), state
+    return np.array(outputs), state
 
 
 @pytest.mark.parametrize("anti_windup", [True, False])
-def test_an_integrator_does_not_run_away_from_what_is_achieved(anti_windup):
-    """The demand is ahead by the error at most: K e dt = L (u - u_a), and L is about K dt.
+def test_an_integrator_stays_near_the_achieved_demand(anti_windup):
+    """The demand leads by at most the error: K e dt = L (u - u_a), and L is about K dt.
 
-    Four time constants 1 / K after the target has become attainable, the task is there.
+    The task reaches its target four time constants 1 / K after that has become attainable.
     """
-    controller = pilot_of(limited(serial(3)), anti_windup=anti_windup)
+    controller = controller_for(limited(serial(3)), anti_windup=anti_windup)
     reached, state = driven(controller, 10.0, 500)
     error = np.linalg.norm([10.0 - reached[-1, 0], reached[-1, 1]])
-    ahead = np.linalg.norm(state.asked.demand - reached[-1])
+    ahead = np.linalg.norm(state.previous_command.demand - reached[-1])
     returned, _ = driven(controller, 0.0, 80, state)
-    left = np.linalg.norm(returned[-1]) / np.linalg.norm(returned[0])
+    remaining = np.linalg.norm(returned[-1]) / np.linalg.norm(returned[0])
     assert (ahead < 1.05 * error) == anti_windup
-    assert left < 0.1 if anti_windup else left > 0.9
+    assert remaining < 0.1 if anti_windup else remaining > 0.9
 
 
 @pytest.mark.parametrize("slowness", [1.0, 7.0])
@@ -71,8 +71,8 @@ def test_the_observer_of_an_integrator_is_the_scalar_kalman_filter(slowness):
 
 
 @given(SEEDS, st.integers(0, 2), st.integers(0, 3))
-def test_compensators_that_observe_what_is_achieved_are_stable(seed, integrators, others):
-    """Double integrators and unstable compensators too: all poles of A - L C within the circle."""
+def test_compensators_with_back_calculation_are_stable(seed, integrators, others):
+    """All poles of A - L C are stable, also for double integrators and unstable compensators."""
     rng, order = np.random.default_rng(seed), integrators + others
     A = np.diag(np.concatenate([np.ones(integrators), rng.uniform(-1.1, 0.9, others)]))
     if integrators == 2:
@@ -87,13 +87,13 @@ DELAY = control.ss([[0.0]], [[1.0]], [[1.0]], [[0.0]], PERIOD_S)
 
 
 @pytest.mark.parametrize("anti_windup", [True, False])
-def test_the_circle_margin_of_an_integrator_is_the_one_on_paper(anti_windup):
+def test_the_circle_margin_of_an_integrator_matches_its_formula(anti_windup):
     """I + H = (z - 1 + b c / z) / (z - 1 + c L), with L = 0 for an integrator that winds up."""
     b_c, c_L = 5.0 * PERIOD_S, 5.0 * tracking_gain(INTEGRATOR)[0] * anti_windup
     z = np.exp(1j * np.pi * np.geomspace(2e-4, 0.998, 100000))
     least = ((z - 1 + b_c / z) / (z - 1 + c_L)).real.min()
-    found = circle_margin(DELAY, [INTEGRATOR], anti_windup=anti_windup)
-    assert found == pytest.approx(least, abs=1e-3)
+    result = circle_margin(DELAY, [INTEGRATOR], anti_windup=anti_windup)
+    assert result == pytest.approx(least, abs=1e-3)
 
 
 @examples(2)
@@ -101,7 +101,7 @@ def test_the_circle_margin_of_an_integrator_is_the_one_on_paper(anti_windup):
 def test_with_a_positive_circle_margin_two_responses_converge_through_the_limits(seed):
     delay = control.ss(np.zeros((2, 2)), np.eye(2), np.eye(2), np.zeros((2, 2)), PERIOD_S)
     assert circle_margin(delay, [INTEGRATOR] * 2, anti_windup=True) > 0
-    controller = pilot_of(limited(serial(seed)))
+    controller = controller_for(limited(serial(seed)))
     _, far = driven(controller, 30.0, 30)
     one, _ = driven(controller, 1.0, 200)
     other, _ = driven(controller, 1.0, 200, far)
@@ -110,13 +110,13 @@ def test_with_a_positive_circle_margin_two_responses_converge_through_the_limits
 
 @given(SEEDS)
 def test_a_mapping_with_limits_takes_over_without_a_step(seed):
-    """Commands within the limits are those of the new mapping, whatever it would do itself."""
+    """After a transfer the new mapping reproduces previous commands within the limits."""
     own, rng = serial(seed), np.random.default_rng(seed)
     mapping, commanded_m = limited(own), 0.4 * rng.uniform(-1, 1, 5)
-    pilot = pilot_of(mapping, handover_s=0.1)
-    state = replace(pilot.start(), inputs=commanded_m)
-    last, new = state.asked, pilot.transfer(state).bumpless_transfer
+    controller = controller_for(mapping, handover_s=0.1)
+    state = replace(controller.start(), inputs=commanded_m)
+    last, new = state.previous_command, controller.transfer(state).bumpless_transfer
     assert new is not None
-    demand, beside = last.demand + new.demand, new.secondary_reference
-    found, _ = mapping.tick(demand, own.nominal, secondary_reference=beside)
-    np.testing.assert_allclose(found, commanded_m, atol=1e-9)
+    demand, secondary = last.demand + new.demand, new.secondary_reference
+    result, _ = mapping.tick(demand, own.nominal, secondary_reference=secondary)
+    np.testing.assert_allclose(result, commanded_m, atol=1e-9)

@@ -1,4 +1,4 @@
-"""What the bank says of each hypothesis, against Gaussians written out in full."""
+"""Evidence of each hypothesis of the bank, against Gaussians written out in full."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ import scipy.optimize
 from scipy.stats import multivariate_normal
 
 from ftc.fdi import Cause, Fault, Uncertainty
-from ftc.fdi.bank import Evidence, believed_model, hypothesis_bank
+from ftc.fdi.bank import Evidence, base_model_of, hypothesis_bank
 from ftc.fdi.observer import Parameters
 from ftc.fdi.uncertainty import perturbed
 from kernels import lib, pointer
@@ -22,7 +22,7 @@ seeds = pytest.mark.parametrize("seed", range(3))
 
 
 def caused(record: Record, cause: Cause, onset: int, uncertainty) -> list[np.ndarray]:
-    """What a standard deviation of the constant and of the growth of a cause adds, (N, p) each."""
+    """Return the effects (N, p) of one standard deviation of a cause's constant and growth."""
     nominal, ticks, u = record.nominal, record.ticks, record.u
     plain, since = outputs(nominal, ticks, u), np.arange(len(u)) - onset
     on = (since >= 0)[:, None]
@@ -33,44 +33,44 @@ def caused(record: Record, cause: Cause, onset: int, uncertainty) -> list[np.nda
     own = np.eye(nominal.actuators)[cause.actuator]
     resting = np.linalg.solve(-nominal.plant.A, nominal.plant.B @ own)
     own = own * uncertainty.command / np.linalg.norm(nominal.plant.C @ resting / nominal.noise)
-    grown = since[:, None] * ticks * nominal.period_s
-    return [outputs(nominal, ticks, u + each * own) - plain for each in (on, on * grown)]
+    growth = since[:, None] * ticks * nominal.period_s
+    return [outputs(nominal, ticks, u + each * own) - plain for each in (on, on * growth)]
 
 
 def sensitivities(record: Record, fault: Fault | Cause | None, onset: int) -> np.ndarray:
-    """What each parameter but the offsets changes of the outputs, by simulation, (R - p, N, p)."""
+    """Simulate the effects (R - p, N, p) of all parameters except the offsets."""
     nominal, ticks, u = record.nominal, record.ticks, record.u
     cause, fault = (fault, None) if isinstance(fault, Cause) else (None, fault)
     plain = outputs(nominal, ticks, u, fault, onset)
     tiny = 1e-4
     small = replace(WRONG, **{k: tiny * v for k, v in vars(WRONG).items()})
-    step = 1e-3 * tiny  # perturbed() goes a thousandth of a deviation
-    found = [
+    step = 1e-3 * tiny  # perturbed() steps by a thousandth of a deviation
+    result = [
         (outputs(each, ticks, u, fault, onset) - plain) / step for each in perturbed(nominal, small)
     ]
     late = WRONG.delay_s / nominal.period_s / ticks
-    found.append(outputs(nominal, ticks, u, fault, onset, late=late) - plain)
+    result.append(outputs(nominal, ticks, u, fault, onset, late=late) - plain)
     if fault is None:
         own = [plain * 0] * 2 if cause is None else caused(record, cause, onset, WRONG)
-        return np.array([*found, plain * 0, *own, plain * 0])
+        return np.array([*result, plain * 0, *own, plain * 0])
     later = outputs(nominal, ticks, u, fault, onset + 1) - plain
-    later[onset] = 0.0  # within its sample it is not dated
+    later[onset] = 0.0  # no onset within a sample
     push = nominal.plant.B[:, fault.actuator]
-    way = np.roll(push, -len(push) // 2)
-    way = way / np.linalg.norm(nominal.plant.C @ way / nominal.noise)
+    direction = np.roll(push, -len(push) // 2)
+    direction = direction / np.linalg.norm(nominal.plant.C @ direction / nominal.noise)
     further, lost = np.zeros_like(plain), np.zeros_like(plain)
     if fault.kind == "locked":
-        further = outputs(nominal, ticks, u, fault, onset, nudged=1.5 * way) - plain
+        further = outputs(nominal, ticks, u, fault, onset, displaced=1.5 * direction) - plain
     else:
-        left, parts = fault.effectiveness, []  # with a quarter more and a quarter less of it lost
-        for other in (min(left + 0.25, 1.0), max(left - 0.25, 0.0)):
+        remaining, parts = fault.effectiveness, []  # a quarter more and a quarter less lost
+        for other in (min(remaining + 0.25, 1.0), max(remaining - 0.25, 0.0)):
             about = replace(fault, kind="weak", effectiveness=other)
             parts.append(outputs(nominal, ticks, u, about, onset))
-        lost = (parts[1] - parts[0]) / (2 if left else 1)
-    return np.array([*found, SPREAD * later, further, plain * 0, SPREAD * lost])
+        lost = (parts[1] - parts[0]) / (2 if remaining else 1)
+    return np.array([*result, SPREAD * later, further, plain * 0, SPREAD * lost])
 
 
-def drawn_prior(errors: int, seed: int) -> Parameters:
+def random_prior(errors: int, seed: int) -> Parameters:
     rng = np.random.default_rng(seed)
     half = rng.normal(size=(errors + 2,) * 2)
     covariance = 0.2 * half @ half.T / len(half) + 0.1 * np.eye(len(half))
@@ -79,13 +79,13 @@ def drawn_prior(errors: int, seed: int) -> Parameters:
     )
 
 
-def drawn_whitening(seed: int) -> np.ndarray:
+def random_whitening(seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     return np.vstack([rng.uniform(0.5, 1.5, (1, 2)), 0.3 * rng.normal(size=(2, 2))])
 
 
 def regression(record: Record, fault: Fault | Cause | None, onset: int, prior, whitening):
-    """H, P and e: residuals e = H theta + noise of all samples, theta of covariance P."""
+    """Return H, P and e: residuals e = H theta + noise, with theta of covariance P."""
     failed = None if isinstance(fault, Cause) else fault
     seen = outputs(record.nominal, record.ticks, record.u, failed, onset)
     rows = [whitened(whitening, each).ravel() for each in sensitivities(record, fault, onset)]
@@ -96,9 +96,9 @@ def regression(record: Record, fault: Fault | Cause | None, onset: int, prior, w
 
 
 def written_out(record: Record, fault: Fault | Cause | None, onset: int, prior, whitening):
-    """Energy, log of the root of the determinant, and parameters, of one hypothesis, in full.
+    """Return energy, log root determinant and parameters of one hypothesis, written out in full.
 
-    Where the best onset or part lost is not in its cell, energy and parameters are the best within.
+    If the best onset or lost fraction is outside its cell, the result is the best one within.
     """
     H, P, e = regression(record, fault, onset, prior, whitening)
     S = np.eye(len(e)) + H @ P @ H.T
@@ -122,22 +122,22 @@ def written_out(record: Record, fault: Fault | Cause | None, onset: int, prior, 
 @pytest.mark.parametrize("ticks", [1, pytest.param(3, marks=pytest.mark.long)])
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2, 3))])
 def test_a_hypothesis_is_weighed_by_its_gaussian_without_the_unknowns(seed, ticks):
-    """Against simulations of each hypothesis and of each of its errors, written out in full.
+    """The reference simulates each hypothesis and its errors, written out in full.
 
-    So are causes that are no failures: an offset of an actuator that grows, the supply, the scale.
+    Causes are included: a growing offset of an actuator, the supply, the scale.
     """
     nominal = carts(seed)
     record = Record.of(nominal, ticks, seed, Fault(1, "weak", 0.4))
     bank = hypothesis_bank(nominal, (), WRONG, ticks)
-    prior, whitening = drawn_prior(len(bank.believed.M) - 1, seed), drawn_whitening(seed)
+    prior, whitening = random_prior(len(bank.base_model.M) - 1, seed), random_whitening(seed)
     energy, log_det, parameters = gathered(bank, record, prior, whitening).marginal()
     counted = np.zeros(3, dtype=int)
     for h, fault in enumerate([None, *bank.faults, *bank.causes, None]):
         for k, onset in enumerate(ONSETS[: 1 if fault is None else None]):
-            left, root, best, beyond = written_out(record, fault, onset, prior, whitening)
+            expected, root, best, beyond = written_out(record, fault, onset, prior, whitening)
             counted[beyond] += 1
             assert log_det[h, k] == pytest.approx(root, rel=1e-3, abs=1e-4)
-            assert energy[h, k] == pytest.approx(left, rel=1e-3)
+            assert energy[h, k] == pytest.approx(expected, rel=1e-3)
             np.testing.assert_allclose(parameters[h, k], best, atol=5e-3 * np.abs(best).max())
     assert counted[0] > 3 and counted[1] > 0
 
@@ -145,11 +145,11 @@ def test_a_hypothesis_is_weighed_by_its_gaussian_without_the_unknowns(seed, tick
 @pytest.mark.parametrize("gain", [0.1, 1.0, 7.0])
 @pytest.mark.parametrize("seed", range(2))
 def test_the_last_hypothesis_is_a_density_of_the_outputs_as_the_first(seed, gain):
-    """Their log ratio, of filters of any gain, is that of the Gaussians of what was measured."""
+    """For filters of any gain the log ratio is that of the Gaussians of the measurements."""
     record = Record.of(carts(seed), 2, seed)
     bank = hypothesis_bank(record.nominal, (), WRONG, 2)
-    prior = drawn_prior(len(bank.believed.M) - 1, seed)
-    filters = drawn_whitening(seed), gain * drawn_whitening(seed + 10)
+    prior = random_prior(len(bank.base_model.M) - 1, seed)
+    filters = random_whitening(seed), gain * random_whitening(seed + 10)
     evidence = gathered(bank, record, prior, filters[0], decoupled=filters[1])
     energy, log_det, _ = evidence.marginal()
     plain = (-energy / 2 - log_det)[[0, -1], 0]
@@ -161,41 +161,41 @@ def test_the_last_hypothesis_is_a_density_of_the_outputs_as_the_first(seed, gain
         inverse = np.linalg.inv(L)
         cov = inverse @ (np.eye(e.size) + H @ P @ H.T) @ inverse.T
         densities.append(multivariate_normal(cov=cov).logpdf(inverse @ e))
-    found = plain[1] - plain[0] + evidence.gain
-    assert found == pytest.approx(densities[1] - densities[0], rel=1e-3, abs=1e-2)
+    result = plain[1] - plain[0] + evidence.gain
+    assert result == pytest.approx(densities[1] - densities[0], rel=1e-3, abs=1e-2)
 
 
 @pytest.mark.parametrize("faults", [(), (Fault(0, "locked"),), (Fault(1, "weak", 0.4),)])
-def test_the_believed_model_alone_is_that_of_all_hypotheses(faults):
-    alone = believed_model(carts(0, n=3), faults, WRONG, 2)
-    together = hypothesis_bank(carts(0, n=3), faults, WRONG, 2).believed
+def test_the_base_model_alone_is_that_of_all_hypotheses(faults):
+    alone = base_model_of(carts(0, n=3), faults, WRONG, 2)
+    together = hypothesis_bank(carts(0, n=3), faults, WRONG, 2).base_model
     for name in ("A", "M", "C", "N", "onset"):
         np.testing.assert_array_equal(getattr(alone, name), getattr(together, name))
 
 
-def test_what_is_already_weak_loses_a_part_of_what_it_has_left():
+def test_a_weak_actuator_loses_a_fraction_of_its_remaining_force():
     bank = hypothesis_bank(carts(0), [Fault(0, "weak", 0.5), Fault(1, "free")])
-    left = [fault.effectiveness for fault in bank.faults[:5] if fault.kind == "weak"]
+    remaining = [fault.effectiveness for fault in bank.faults[:5] if fault.kind == "weak"]
     assert {fault.actuator for fault in bank.faults[:5]} == {0}
-    np.testing.assert_allclose(left, [0.375, 0.25, 0.125])
+    np.testing.assert_allclose(remaining, [0.375, 0.25, 0.125])
     again = [Fault(0, "weak", 1.0), Fault(1, "weak", 1.0), Fault(1, "locked")]
     assert list(bank.faults[5:]) == again
     with pytest.raises(ValueError, match="faults must leave a working actuator"):
         hypothesis_bank(carts(0), [Fault(k, "locked") for k in range(2)])
 
 
-# What is compiled of the evidence.
+# Compiled steps of the evidence.
 
 ARRAYS = ("X", "memory", "information", "score", "energy")
 
 
 @seeds
 def test_a_step_leaves_the_evidence_before_it_and_gives_the_same_in_place(seed):
-    """Whoever keeps a state may step from it again; a sample that is no evidence adds none."""
+    """A step leaves its argument unchanged; an unmeasured sample adds no evidence."""
     rng = np.random.default_rng(seed)
     record, filters = Record.of(carts(seed), 2, seed), rng.uniform(0.1, 1.0, (2, 4, 2))
     bank = hypothesis_bank(record.nominal, (), WRONG, 2)
-    prior = Parameters.prior(len(bank.believed.M) - 1, 2, WRONG)
+    prior = Parameters.prior(len(bank.base_model.M) - 1, 2, WRONG)
     now = int(ONSETS[1])
     state = gathered(bank, replace(record, u=record.u[:now], y=record.y[:now]), prior, filters[0])
 
@@ -203,24 +203,24 @@ def test_a_step_leaves_the_evidence_before_it_and_gives_the_same_in_place(seed):
         return [getattr(evidence, name).copy() for name in ARRAYS]
 
     v, y = rng.normal(size=5), rng.normal(size=2)
-    then, given = arrays(state), sample_of(now, v, y)
-    after = bank.step(state, given, 1.5, *filters)
-    kept, silent = arrays(after), sample_of(now + 1, v, y, is_whole=False)
+    then, sample = arrays(state), sample_of(now, v, y)
+    after = bank.step(state, sample, 1.5, *filters)
+    expected, unmeasured = arrays(after), sample_of(now + 1, v, y, is_complete=False)
     np.testing.assert_equal(arrays(state), then)
-    in_place = arrays(bank.step(state, given, 1.5, *filters, keeps=False))
-    unheard = arrays(bank.step(after, silent, 1.5, *filters))
-    np.testing.assert_equal(in_place, kept)
-    np.testing.assert_equal(unheard[2:], kept[2:])
+    in_place = arrays(bank.step(state, sample, 1.5, *filters, copy=False))
+    after_unmeasured = arrays(bank.step(after, unmeasured, 1.5, *filters))
+    np.testing.assert_equal(in_place, expected)
+    np.testing.assert_equal(after_unmeasured[2:], expected[2:])
 
 
 @seeds
 def test_information_that_rounding_made_indefinite_leaves_finite_numbers(seed):
-    """Regressors a trillion times the noise: 1 is lost beside their squares, and pivots are not."""
+    """With regressors a trillion times the noise 1 is lost in round-off; pivots stay positive."""
     rows = 1e12 * np.random.default_rng(seed).normal(size=(9, 2))
     information = rows @ rows.T
     assert np.linalg.eigvalsh(np.eye(9) + information)[0] < 0
     solved, log_det = np.eye(9)[None, None, :, :3].copy(), np.empty((1, 1))
-    given = pointer(information[np.tril_indices(9)]), pointer(np.eye(9))
-    room = pointer(np.empty(9 * 19))
-    lib.integrate_out(1, 9, *given, room, pointer(solved), pointer(log_det))
+    arguments = pointer(information[np.tril_indices(9)]), pointer(np.eye(9))
+    workspace = pointer(np.empty(9 * 19))
+    lib.integrate_out(1, 9, *arguments, workspace, pointer(solved), pointer(log_det))
     assert np.isfinite(solved).all() and log_det[0, 0] > 0

@@ -1,4 +1,4 @@
-"""What is concluded from the evidence: probabilities, parts lost, states."""
+"""Decisions from the evidence: probabilities, lost fractions, states."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from scipy.stats import binom
 
 from ftc.fdi import CERTAIN, Fault, NominalModel, Uncertainty, fault_model
 from ftc.fdi.bank import LOST, hypothesis_bank
-from ftc.fdi.decision import verdict as verdict_of
+from ftc.fdi.decision import decide
 from ftc.fdi.observer import Parameters
 from tests.ftc.carts import ONSETS, Record, carts, gathered, outputs
 
@@ -16,148 +16,150 @@ WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3)
 WIDER = replace(WRONG, command=10.0, supply=0.3, scale=0.3)
 
 
-def concluded(record: Record, onsets=ONSETS, uncertainty=CERTAIN, bank=None, **how):
-    """Evidence and verdict at the end of a record."""
+def decided(record: Record, onsets=ONSETS, uncertainty=CERTAIN, bank=None, **how):
+    """Return the evidence and the decision at the end of a record."""
     bank, p = bank or hypothesis_bank(record.nominal, (), uncertainty, 2), record.y.shape[1]
-    prior = Parameters.prior(len(bank.believed.M) - 1, p, uncertainty)
+    prior = Parameters.prior(len(bank.base_model.M) - 1, p, uncertainty)
     evidence = gathered(bank, record, prior, np.ones((1, p)), onsets)
-    return evidence, verdict_of(bank, evidence, len(record.y) - 1, **how)
+    return evidence, decide(bank, evidence, len(record.y) - 1, **how)
 
 
 def failed_state(
     nominal: NominalModel, fault: Fault, record: Record, onset: int, nudge: np.ndarray | float = 0.0
 ):
-    """By the model, after all samples, and where it began at the onset."""
+    """Return the state of the failed plant after all samples, and that at the onset."""
     sent, cut = np.repeat(record.u, record.ticks, axis=0), onset * record.ticks
     after = fault_model(nominal, [fault])
-    struck = after.onset @ fault_model(nominal).states(sent[:cut])[-1] + nudge
-    return after.states(sent[cut:], struck)[-1], struck
+    at_onset = after.onset @ fault_model(nominal).states(sent[:cut])[-1] + nudge
+    return after.states(sent[cut:], at_onset)[-1], at_onset
 
 
-def drawn(rng: np.random.Generator, n: int) -> Fault:
-    """A failure by the bank's prior."""
-    actuator, way = int(rng.integers(n)), int(rng.integers(1 + len(LOST)))
-    if way == 0:
+def random_fault(rng: np.random.Generator, n: int) -> Fault:
+    """Sample a failure from the prior of the bank."""
+    actuator, kind_index = int(rng.integers(n)), int(rng.integers(1 + len(LOST)))
+    if kind_index == 0:
         return Fault(actuator, "locked")
-    if way == len(LOST):
+    if kind_index == len(LOST):
         return Fault(actuator, "free")
-    lost = LOST[way - 1] + rng.uniform(-0.125, 0.125)
+    lost = LOST[kind_index - 1] + rng.uniform(-0.125, 0.125)
     return Fault(actuator, "weak", min(1 - lost, 1.0))
 
 
 @pytest.mark.parametrize("noise", [2e-3, pytest.param(6e-3, marks=pytest.mark.long)])
-def test_confidence_is_what_it_says(noise):
-    """As many verdicts are right as they claim: any actuator, kind, or no failure.
+def test_confidence_is_the_rate_of_correct_decisions(noise):
+    """The rate of correct decisions is their mean confidence: any actuator, kind, or no failure.
 
-    Failures and health are drawn as the prior has them; what is named is the likelier.
+    Failures and health are sampled from the prior; the more likely one is the decision.
     """
-    rng, claimed, right = np.random.default_rng(5), [], []
+    rng, claimed, correct = np.random.default_rng(5), [], []
     bank = hypothesis_bank(carts(1, 3, noise), (), CERTAIN, 2)
     for seed in range(250):
-        fault = drawn(rng, 3) if rng.random() < 0.5 else None
+        fault = random_fault(rng, 3) if rng.random() < 0.5 else None
         onset = int(rng.choice(ONSETS))
         record = Record.of(carts(1, 3, noise), 2, [seed, 1], fault, onset)
-        _, verdict = concluded(record, bank=bank)
-        healthy = verdict.fault_free_confidence > verdict.actuator_confidence
-        claimed.append(max(verdict.fault_free_confidence, verdict.actuator_confidence))
-        named = None if healthy else verdict.fault.actuator
-        right.append(named == (None if fault is None else fault.actuator))
-    assert 0.5 < np.mean(claimed) < 0.95  # it is not a foregone conclusion
+        _, decision = decided(record, bank=bank)
+        healthy = decision.fault_free_confidence > decision.actuator_confidence
+        claimed.append(max(decision.fault_free_confidence, decision.actuator_confidence))
+        isolated = None if healthy else decision.fault.actuator
+        correct.append(isolated == (None if fault is None else fault.actuator))
+    assert 0.5 < np.mean(claimed) < 0.95  # the decisions are not trivial
     low, high = binom.interval(0.998, len(claimed), np.mean(claimed))
-    assert low <= np.sum(right) <= high
+    assert low <= np.sum(correct) <= high
 
 
 @pytest.mark.parametrize("uncertainty", [WRONG, WIDER])
 @pytest.mark.parametrize("disturbed", [True, False])
-def test_without_evidence_failure_is_as_likely_as_none_and_all_are_alike(disturbed, uncertainty):
-    """Something else, that is no failure, is part of none."""
+def test_without_evidence_the_probabilities_are_the_priors(disturbed, uncertainty):
+    """Causes and disturbances count as no failure."""
     silent = Record(carts(1, 4), 2, np.zeros((0, 4)), np.zeros((0, 4)))
-    _, verdict = concluded(silent, uncertainty=uncertainty, disturbed=disturbed)
-    assert verdict.fault_free_confidence == pytest.approx(1 / 2)
-    assert verdict.actuator_confidence == pytest.approx(1 / 2 / 4)
-    # Locked, free, and three models of weak: each is as likely as the other.
-    assert verdict.kind_confidences == pytest.approx((1 / 5, 1 / 5, 3 / 5))
+    _, decision = decided(silent, uncertainty=uncertainty, disturbed=disturbed)
+    assert decision.fault_free_confidence == pytest.approx(1 / 2)
+    assert decision.actuator_confidence == pytest.approx(1 / 2 / 4)
+    # Locked, free, and three weak models are equally likely.
+    assert decision.kind_confidences == pytest.approx((1 / 5, 1 / 5, 3 / 5))
 
 
 @pytest.mark.parametrize(
-    ("left", "lost"), [*((1, x) for x in (0.05, 0.3, 0.45, 0.8, 0.86)), (0.6, 0.3)]
+    ("remaining", "lost"), [*((1, x) for x in (0.05, 0.3, 0.45, 0.8, 0.86)), (0.6, 0.3)]
 )
-def test_a_loss_between_the_models_is_found(left, lost):
-    """Of what is left: of a healthy actuator, or of one that is known to be weak."""
-    before = [Fault(1, "weak", left)] if left < 1 else []
-    fault = Fault(1, "weak", left * (1 - lost))
+def test_a_loss_between_the_models_is_estimated(remaining, lost):
+    """The loss is relative to the remaining force, of a healthy or a known weak actuator."""
+    before = [Fault(1, "weak", remaining)] if remaining < 1 else []
+    fault = Fault(1, "weak", remaining * (1 - lost))
     record = Record.of(carts(2, 3), 2, 3, fault, 20, 60, size=5e-2, before=before)
     bank = hypothesis_bank(record.nominal, before, CERTAIN, 2)
-    _, verdict = concluded(record, np.arange(18, 23), bank=bank)
-    assert (verdict.fault.actuator, verdict.fault.kind) == (1, "weak")
-    assert verdict.fault.effectiveness == pytest.approx(fault.effectiveness, abs=0.03)
-    assert verdict.unexplained < 0.1
+    _, decision = decided(record, np.arange(18, 23), bank=bank)
+    assert (decision.fault.actuator, decision.fault.kind) == (1, "weak")
+    assert decision.fault.effectiveness == pytest.approx(fault.effectiveness, abs=0.03)
+    assert decision.unexplained < 0.1
 
 
 @pytest.mark.parametrize("kind", ["locked", "free"])
-def test_the_state_of_a_verdict_is_that_of_the_failed_plant(kind):
+def test_the_state_of_a_decision_is_that_of_the_failed_plant(kind):
     nominal, fault = carts(4), Fault(0, kind)
     record = Record.of(nominal, 2, 4, fault, onset=20, samples=40, size=5e-2)
-    _, verdict = concluded(record, np.arange(19, 22))
-    assert (verdict.fault, verdict.onset) == (fault, 20)
+    _, decision = decided(record, np.arange(19, 22))
+    assert (decision.fault, decision.onset) == (fault, 20)
     expected, _ = failed_state(nominal, fault, record, 20)
     C = fault_model(nominal).C
-    np.testing.assert_allclose(C @ verdict.x, C @ expected, atol=0.5)
-    np.testing.assert_allclose(verdict.x, expected, atol=0.02 * np.abs(expected).max())
+    np.testing.assert_allclose(C @ decision.x, C @ expected, atol=0.5)
+    np.testing.assert_allclose(decision.x, expected, atol=0.02 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_lock_that_is_off_its_place_is_found_where_it_is(seed):
-    """As an output sees it by three deviations of its noise: friction let the plant go there."""
+def test_a_lock_off_the_models_position_is_estimated(seed):
+    """Friction moved the plant by three standard deviations of an output's noise."""
     nominal, fault = carts(4), Fault(0, "locked")
     record = Record.of(nominal, 2, seed, fault, 20, 60)
-    way = nominal.plant.B[2:, 0] / np.linalg.norm(nominal.plant.C[:, :2] @ nominal.plant.B[2:, 0])
-    nudge = 3e-3 * np.concatenate([way, [0.0, 0.0]])
-    moved = outputs(nominal, 2, record.u, fault, 20, nudged=nudge)
+    push = nominal.plant.B[2:, 0]
+    direction = push / np.linalg.norm(nominal.plant.C[:, :2] @ push)
+    nudge = 3e-3 * np.concatenate([direction, [0.0, 0.0]])
+    moved = outputs(nominal, 2, record.u, fault, 20, displaced=nudge)
     more = moved - outputs(nominal, 2, record.u, fault, 20)
-    _, verdict = concluded(replace(record, y=record.y + more), np.arange(19, 22))
-    _, stands = failed_state(nominal, fault, record, 20, nudge)
-    assert verdict.fault == fault
-    off = nominal.displacement[0] @ (verdict.x - stands)
+    _, decision = decided(replace(record, y=record.y + more), np.arange(19, 22))
+    _, at_lock = failed_state(nominal, fault, record, 20, nudge)
+    assert decision.fault == fault
+    off = nominal.displacement[0] @ (decision.x - at_lock)
     assert abs(off) < 0.3 * abs(nominal.displacement[0] @ nudge)
 
 
 def locked(y_more: np.ndarray, seed: int = 0):
-    """Evidence and verdict of a lock at the 20th of 60 samples, with something added."""
+    """Return evidence and decision of a lock at sample 20 of 60, with an added signal."""
     record = Record.of(carts(3), 2, seed, Fault(0, "locked"), 20, 60, size=5e-2)
-    return concluded(replace(record, y=record.y + y_more), np.arange(18, 23))
+    return decided(replace(record, y=record.y + y_more), np.arange(18, 23))
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_what_is_left_divides_the_log_likelihoods(seed):
-    """Nine times the noise's variance more after the onset: the residuals are ten times it."""
-    _, verdict = locked(np.zeros((60, 2)), seed)
-    assert verdict.unexplained == 0.0
-    assert verdict.inflation == pytest.approx(1.0, abs=0.3)
+def test_the_inflation_divides_the_log_likelihoods(seed):
+    """Added noise of nine times the variance after the onset gives an inflation of ten."""
+    _, decision = locked(np.zeros((60, 2)), seed)
+    assert decision.unexplained == 0.0
+    assert decision.inflation == pytest.approx(1.0, abs=0.3)
     rng = np.random.default_rng([seed, 2])
     more = 3 * rng.standard_normal((60, 2)) * (np.arange(60) >= 20)[:, None]
-    evidence, verdict = locked(more, seed)
-    assert verdict.inflation == pytest.approx(10.0, rel=0.5)
+    evidence, decision = locked(more, seed)
+    assert decision.inflation == pytest.approx(10.0, rel=0.5)
     energy, log_det, _ = evidence.marginal()
     plain = (-energy / 2 - log_det)[1:-1].max(axis=0) + energy[0, 0] / 2 + log_det[0, 0]
-    np.testing.assert_allclose(verdict.best, plain / verdict.inflation)
+    np.testing.assert_allclose(decision.best, plain / decision.inflation)
 
 
-def test_what_is_unexplained_is_the_energy_that_a_failure_leaves():
-    """Half of what is seen without it, where a square wave adds as much as the lock does."""
+def test_the_unexplained_fraction_is_that_of_the_energy():
+    """The fraction is a half if a square wave adds as much energy as the lock."""
     energy = locked(np.zeros((60, 2)))[0].marginal()[0]
     gained = energy[0, 0] - energy[1:-1].min()
     wave = np.where(np.arange(60) % 2, 1.0, -1.0) * (np.arange(60) >= 20)
-    _, verdict = locked(np.column_stack([wave, -wave]) * np.sqrt(gained / 80))
-    assert verdict.fault.actuator == 0
-    assert verdict.unexplained == pytest.approx(0.5, abs=0.12)
+    _, decision = locked(np.column_stack([wave, -wave]) * np.sqrt(gained / 80))
+    assert decision.fault.actuator == 0
+    assert decision.unexplained == pytest.approx(0.5, abs=0.12)
 
 
-def test_strain_has_nothing_to_do_with_the_zeros_of_sensors():
-    """Fifty standard deviations of noise off, they ask for no other machine."""
+def test_the_parameter_deviation_does_not_depend_on_sensor_offsets():
+    """Offsets of fifty standard deviations of noise do not change the plant parameters."""
     record = Record.of(carts(3, 3), 2, 4, Fault(1, "weak", 0.4), onset=6)
     sure, unsure = (
-        concluded(replace(record, y=record.y + off), uncertainty=replace(WRONG, offset=100.0))[1]
+        decided(replace(record, y=record.y + off), uncertainty=replace(WRONG, offset=100.0))[1]
         for off in (0.0, 50.0)
     )
-    assert 0 < sure.strain < 10 and unsure.strain == pytest.approx(sure.strain, abs=1)
+    assert 0 < sure.parameter_deviation < 10
+    assert unsure.parameter_deviation == pytest.approx(sure.parameter_deviation, abs=1)

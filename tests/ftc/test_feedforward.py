@@ -1,4 +1,4 @@
-"""Demands through the inverse of a linear model: what responds to them is the path."""
+"""Feedforward by the inverse of a linear model: the response is the path."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ PERIOD_S = 2e-3
 
 
 def modes(frequency: Any, damping: Any, B: np.ndarray, C: np.ndarray) -> NominalModel:
-    """Modes q'' = -w^2 q - 2 zeta w q' + B u with outputs C q, w in rad/s."""
+    """Return the model of modes q'' = -w^2 q - 2 zeta w q' + B u, outputs C q, w in rad/s."""
     w, k = np.asarray(frequency, float), len(frequency)
     A = np.block([[np.zeros((k, k)), np.eye(k)], [np.diag(-(w**2)), np.diag(-2 * damping * w)]])
     plant = control.ss(A, np.vstack([0 * B, B]), np.hstack([C, 0 * C]), 0)
@@ -26,7 +26,7 @@ def modes(frequency: Any, damping: Any, B: np.ndarray, C: np.ndarray) -> Nominal
 
 
 def response(nominal: NominalModel, gain: np.ndarray, demands: np.ndarray) -> np.ndarray:
-    """By python-control, from rest."""
+    """Return the response from rest by python-control."""
     model = fault_model(nominal)
     plant = control.ss(model.A, model.B @ gain, nominal.plant.C, 0, PERIOD_S)
     time_s = np.arange(len(demands)) * PERIOD_S
@@ -34,7 +34,7 @@ def response(nominal: NominalModel, gain: np.ndarray, demands: np.ndarray) -> np
 
 
 def servos(seed: int) -> tuple[NominalModel, np.ndarray]:
-    """Three coupled servos whose lag is 0.05 to 0.2 s, two outputs, gain 1 at rest."""
+    """Return three coupled servos with lags of 0.05 to 0.2 s and two outputs, and their gain."""
     rng = np.random.default_rng(seed)
     w, zeta = rng.uniform(60.0, 100.0, 3), rng.uniform(2.0, 6.0, 3)
     C = rng.normal(size=(2, 3))
@@ -42,60 +42,60 @@ def servos(seed: int) -> tuple[NominalModel, np.ndarray]:
 
 
 def circle(turn_s: float = 1.0, ticks: int = 250) -> np.ndarray:
-    """From rest, [m]."""
+    """Return a circle that starts at rest [m]."""
     time_s = np.arange(ticks) * PERIOD_S
     angle = 2 * np.pi * (time_s - 0.1 * (1 - np.exp(-time_s / 0.1))) / turn_s
     return 1e-3 * np.column_stack([np.sin(angle), 1 - np.cos(angle)])
 
 
-# The fast mode answers first, and the wrong way: a zero at +6.4 rad/s, gain 1 at rest.
+# Nonminimum phase: a zero at +6.4 rad/s, static gain 1.
 BACKWARDS = modes([10.0, 40.0], 1.0, np.array([[100.0], [1600.0]]), np.array([[2.0, -1.0]]))
 ONE = np.eye(1)
 
 
 @given(seed=st.integers(0, 1000))
 def test_the_response_to_the_demands_is_the_path(seed):
-    """Servos lag by many times what is left of the error."""
+    """The error is a small part of that of the servos without feedforward."""
     (nominal, gain), path = servos(seed), circle()
-    left = path - response(nominal, gain, inverse_feedforward(nominal, gain, path))
+    remaining = path - response(nominal, gain, inverse_feedforward(nominal, gain, path))
     lag = path - response(nominal, gain, path)
     assert np.linalg.norm(lag) > 0.15 * np.linalg.norm(path)
-    assert np.linalg.norm(left) < 0.1 * np.linalg.norm(lag)
+    assert np.linalg.norm(remaining) < 0.1 * np.linalg.norm(lag)
 
 
 @pytest.mark.parametrize("backwards", [False, True])
-def test_the_demands_are_the_least_squares_answer(backwards):
-    """Against one dense least-squares problem over all demands of the path, and after it."""
+def test_the_demands_are_the_least_squares_solution(backwards):
+    """The reference is a dense least-squares problem over all demands during and after the path."""
     nominal, gain = (BACKWARDS, ONE) if backwards else servos(1)
     path = circle(0.3, 150)[:, : len(gain.T)]
-    held = np.vstack([path, np.tile(path[-1], (450 // len(path.T), 1))])
-    ticks, m = held.shape
+    extended = np.vstack([path, np.tile(path[-1], (450 // len(path.T), 1))])
+    ticks, m = extended.shape
     after = [response(nominal, gain, np.eye(1, ticks).T * axis).T for axis in np.eye(m)]
     T = np.block([[toeplitz(h[row], np.zeros(ticks)) for h in after] for row in range(m)])
-    weight, wanted = np.sqrt(WEIGHT), held.T.ravel()
+    weight, target = np.sqrt(WEIGHT), extended.T.ravel()
     stacked = np.vstack([T, weight * np.eye(ticks * m)])
-    best = np.linalg.lstsq(stacked, np.concatenate([wanted, weight * wanted]), rcond=None)[0]
+    best = np.linalg.lstsq(stacked, np.concatenate([target, weight * target]), rcond=None)[0]
     best = best.reshape(m, ticks).T[: len(path)]
-    found = inverse_feedforward(nominal, gain, path)
-    np.testing.assert_allclose(found, best, atol=5e-4 * np.abs(best).max())
+    result = inverse_feedforward(nominal, gain, path)
+    np.testing.assert_allclose(result, best, atol=5e-4 * np.abs(best).max())
 
 
 @given(scale=st.floats(1e-6, 1e6), row=st.integers(0, 1))
 def test_units_do_not_matter(scale, row):
-    """A path of another size, and a row in other units, which its sensor's noise has, too."""
+    """The path is scaled, and one row with its noise is given in other units."""
     (nominal, gain), path = servos(2), circle()
     demands = inverse_feedforward(nominal, gain, path)
     np.testing.assert_allclose(inverse_feedforward(nominal, gain, scale * path), scale * demands)
     unit = np.ones(2)
     unit[row] = scale
     scaled = nominal.measured(unit[:, None] * nominal.plant.C, unit * nominal.noise)
-    found, expected = inverse_feedforward(scaled, gain / unit, path * unit), demands * unit
+    result, expected = inverse_feedforward(scaled, gain / unit, path * unit), demands * unit
     tiny = 1e-9 * np.abs(expected).max(axis=0).min()
-    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=tiny)
+    np.testing.assert_allclose(result, expected, rtol=1e-6, atol=tiny)
 
 
-def test_what_no_output_sees_does_no_harm():
-    """A rod that spins about itself drifts for ever; it is no part of the inverse."""
+def test_unobservable_modes_do_not_matter():
+    """A rod that spins about its axis drifts without bound, but is not part of the inverse."""
     path = circle()
     w, zeta = np.array([80.0, 90.0, 0.0]), np.array([3.0, 4.0, 0.0])
     C = np.array([[1.0, 0.2, 0.0], [0.1, 1.0, 0.0]])

@@ -1,4 +1,4 @@
-"""Somebody else's controller in the loop: each way to fail ends in a sentence, none in a hang."""
+"""Guarded controllers: each kind of failure is reported in a sentence and never hangs."""
 
 import contextlib
 import re
@@ -18,30 +18,30 @@ REFERENCE = np.random.default_rng(0).normal(size=(TICKS, 2))
 
 
 class State(NamedTuple):
-    """Time, and what is sent."""
+    """Tick and the inputs to send."""
 
     tick: int
     inputs: Any
 
 
 class Proportional:
-    """What goes out is a function of what comes in; at one tick it does something else."""
+    """Proportional controller that calls `bad` at one tick."""
 
     def __init__(self, task: ControlTask) -> None:
         self.gain = np.linalg.pinv(task.major_jacobian)
 
     def start(self) -> State:
-        """At rest."""
+        """Return the state at rest."""
         return State(0, np.zeros(3))
 
     def step(self, state: State, reference: np.ndarray, measurement: Measurement) -> Any:
-        """As the error is."""
+        """Return inputs in proportion to the error."""
         assert measurement.output.dtype == measurement.displacement.dtype == float
         inputs = self.gain @ (reference - measurement.output)
         return self.bad(inputs) if state.tick == BAD else State(state.tick + 1, inputs)
 
     def bad(self, inputs: np.ndarray) -> Any:
-        """Of the tick BAD."""
+        """Return the state of the tick BAD."""
         return State(BAD + 1, inputs)
 
 
@@ -98,8 +98,8 @@ HERE = r"\(test_guarded_controller.py, line \d+\)"
         (hang_twice, r"took longer than 0\.05 s"),
     ],
 )
-def test_after_a_failure_the_last_inputs_are_held_and_a_sentence_says_why(bad, sentence):
-    """Before it the run is bit for bit that of a controller that does not fail."""
+def test_after_a_failure_the_last_inputs_are_held_and_the_reason_is_reported(bad, sentence):
+    """Before the failure the run equals that of a controller without failure to the bit."""
     healthy, failed = run(Proportional), run(failing(bad), limit_s=0.05)
     assert healthy.state.failure is None
     assert np.array_equal(failed.inputs[:BAD], healthy.inputs[:BAD])
@@ -117,13 +117,13 @@ def test_a_controller_that_cannot_be_started_leaves_the_drives_at_zero(factory, 
     assert re.fullmatch(sentence, done.state.failure or "")
 
 
-def test_a_controller_gets_floats_whatever_a_sensor_counts_in():
+def test_a_controller_gets_floats_for_integer_readings():
     done = run(Proportional, machine=Still(int))
     assert done.state.failure is None and done.inputs.any()
 
 
-def test_after_a_missing_reading_a_controller_goes_on():
-    """In the tick of the gap alone its commands stand, and it is not asked."""
+def test_after_a_missing_reading_a_controller_continues():
+    """The commands are held and the step is not called only in the tick of the gap."""
 
     class Blinking(Still):
         ticks = 0
@@ -138,7 +138,7 @@ def test_after_a_missing_reading_a_controller_goes_on():
 
 @pytest.mark.parametrize("fails", [False, True])
 def test_a_controller_alters_neither_the_record_nor_what_it_was_sent(fails):
-    """It gets copies, and copies are taken of what it returns."""
+    """Arguments and returned inputs are copied."""
 
     class Overwriting(Proportional):
         sent, calls = np.zeros(3), 0
@@ -151,16 +151,16 @@ def test_a_controller_alters_neither_the_record_nor_what_it_was_sent(fails):
                 self.sent[:] = np.nan
             return State(0, self.sent)
 
-    kept, done, usual = REFERENCE.copy(), run(Overwriting), run(Proportional)
+    expected_reference, done, usual = REFERENCE.copy(), run(Overwriting), run(Proportional)
     np.testing.assert_array_equal(done.measured, usual.measured)
-    assert np.array_equal(kept, REFERENCE)
+    assert np.array_equal(expected_reference, REFERENCE)
     ticks = np.arange(TICKS)
     expected = usual.inputs[np.minimum(ticks, BAD - 1) if fails else ticks]
     np.testing.assert_array_equal(done.inputs, expected)
 
 
 def test_the_clock_is_stopped_between_steps():
-    """However long a run takes: only single steps are limited."""
+    """The limit applies to single steps, not to the whole run."""
     slow = failing(lambda self, u: time.sleep(0.03) or State(BAD, u))  # at all ticks from BAD on
     before = signal.getsignal(signal.SIGALRM)
     assert run(slow, limit_s=0.3).state.failure is None
@@ -168,6 +168,6 @@ def test_the_clock_is_stopped_between_steps():
     assert signal.getsignal(signal.SIGALRM) is before
 
 
-def test_a_task_that_does_not_fit_together_is_refused():
+def test_an_inconsistent_task_is_rejected():
     with pytest.raises(ValueError, match="major must have a row for each of the 2 outputs"):
         replace(stage().task, major=(0,))

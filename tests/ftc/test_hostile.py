@@ -1,4 +1,4 @@
-"""No hostile argument of `ftc` ends in anything but one sentence or finite numbers."""
+"""Hostile arguments of `ftc` give one error message or finite numbers."""
 
 from dataclasses import replace
 from functools import cache
@@ -28,7 +28,7 @@ from tests.ftc.small_stage import (
     J,
     Stage,
     Still,
-    flown,
+    simulate,
     stage,
 )
 from tests.hostile import Room, one_by_one, public, two_at_once
@@ -38,15 +38,15 @@ AT_REST: dict[str, Any] = {"reference": DESIRED, "measurement": READ}
 
 
 def monitor_step(state: Any, measured: Any, commanded: Any) -> Any:
-    """What a monitor knows after steps with these."""
-    watch = stage().watch
-    for _ in range(3 * watch.ticks):
-        state = watch.step(state, measured, commanded)
+    """Return residuals and commands of a monitor after steps with these arguments."""
+    fdi_monitor = stage().fdi_monitor
+    for _ in range(3 * fdi_monitor.ticks):
+        state = fdi_monitor.step(state, measured, commanded)
     return state.observer.residual, state.last_commanded
 
 
 def nominal_model_of(lower: Any, drive: Any, C: Any) -> Any:
-    """A model of a plant in numbers; what python-control refuses itself is not ours."""
+    """Return the response of a model given by matrices; translate errors of python-control."""
     try:
         rows = [np.eye(N, 2 * N, N), np.asarray(lower)]
         plant = control.ss(np.vstack(rows), np.vstack([np.zeros((N, N)), drive]), C, 0)
@@ -58,30 +58,30 @@ def nominal_model_of(lower: Any, drive: Any, C: Any) -> Any:
         raise ValueError(f"lower, drive and C: {error}") from None
 
 
-def rubbing(push: Any, rows: Any, limit: Any, softness: Any, rate: Any) -> Any:
-    """A model with friction in numbers."""
+def friction_model(push: Any, rows: Any, limit: Any, softness: Any, rate: Any) -> Any:
+    """Return a model with friction given by arrays."""
     return NominalModel(**stage().model, friction=(push, rows, limit, softness, rate))
 
 
 def goal_of(joint_weight: Any, secondary_weight: Any, locked_at: Any, effectiveness: Any) -> Any:
-    """A goal in numbers."""
+    """Return a goal given by numbers."""
     return Goal(joint_weight, secondary_weight, {0: locked_at}, effectiveness={1: effectiveness})
 
 
 def tracking_of(A: Any, B: Any, C_twist: Any, C_active: Any) -> Any:
-    """Tracking with a linear model in numbers."""
+    """Return tracking with a linear model given by matrices."""
     linear = SimpleNamespace(A=A, B=B, C_twist=C_twist, C_active=C_active)
     return tracking(**{**room().special["tracking"], "linear": linear})
 
 
 TRUSTED = {
-    # Only loops and controllers make them.
+    # Made only by loops and controllers.
     *("LoopRun", "NestedState", "Sensors", "Sensors.after", "Sensors.sentence"),
     *("SupervisorState", "Diagnosis", "Fault.of"),
-    # `fjh`, or `tracking`, puts a rig together of these, and gives them what it has checked.
+    # Used by `fjh` or `tracking` with checked arguments.
     *("Stage", "steps", "one_tick", "mapping_for", "Tracking", "explanation"),
     *("deciding_sentence", "is_possible", "SensorCheck.start", "SensorCheck.step", "Cost.limits"),
-    # Controllers call these, and give them what they have checked.
+    # Called by controllers with checked arguments.
     *(f"LocalGeometry.{name}" for name in ("jacobians", "twist", "moved")),
     *(f"MechanismGeometry.{name}" for name in ("jacobians", "twist", "moved")),
     *("PrioritizedMapping.displacements", "PrioritizedMapping.tick", "PrioritizedMapping.followed"),
@@ -89,64 +89,65 @@ TRUSTED = {
     *("PrioritizedMapping.estimate", "PrioritizedMapping.at"),
     *("DirectDrive.inputs", "DirectDrive.displacements"),
 }
-FOUND = public(
-    *(ftc, loops.sensitivity_peak, loops.circle_margin, tracking_gain, monitor_step, rubbing),
+TARGETS = public(
+    *(ftc, loops.sensitivity_peak, loops.circle_margin, tracking_gain, monitor_step),
     *(resting_displacements, FdiConfig, Diagnosis, Dither, MechanismGeometry, Fault, NominalModel),
     *(fault_model, monitor, Uncertainty, fdi.separations, Cost, fdi.designed_dither, static_gain),
-    *(fdi.ranked_sensors, fdi.static_share, nominal_model_of, goal_of, tracking_of),
+    *(fdi.ranked_sensors, fdi.static_share, nominal_model_of, goal_of, tracking_of, friction_model),
     trusted=TRUSTED,
 )
 
 
 def equal_weights(kinematics: Any) -> Any:
-    """Another allocation, of the mechanism of these tests."""
+    """Return another allocation for the mechanism of these tests."""
     return kinematics.velocity_mapping([0, 1], [2])
 
 
-def watched(config: FdiConfig) -> Any:
-    """What a monitor knows after some samples of zeros."""
-    watch = monitor(stage().nominal, config=config)
-    state = watch.start()
-    for _ in range(min(3 * watch.ticks, 100)):
-        state = watch.step(state, np.zeros(M1), STILL)
+def after_some_samples(config: FdiConfig) -> Any:
+    """Return residuals and estimates of a monitor after some samples of zeros."""
+    fdi_monitor = monitor(stage().nominal, config=config)
+    state = fdi_monitor.start()
+    for _ in range(min(3 * fdi_monitor.ticks, 100)):
+        state = fdi_monitor.step(state, np.zeros(M1), STILL)
     return state.observer.residual, state.observer.parameters.mean, state.last_commanded
 
 
 def broken(nominal: NominalModel) -> Any:
-    """What a model does after failures."""
+    """Return models with and without failures."""
     faulty = fault_model(nominal, [Fault(0, "locked"), Fault(1, "free")])
-    return fault_model(nominal), replace(faulty, rubbing=None), nominal.noise, nominal.displacement
+    faulty = replace(faulty, dry_friction=None)
+    return fault_model(nominal), faulty, nominal.noise, nominal.displacement
 
 
 def mapped(mapping: Any) -> Any:
-    """Gains of a mapping, and its displacements."""
+    """Return gains and displacements of a mapping."""
     gain = mapping.major_gain()
     return gain, mapping.displacements(np.full(gain.shape[1], 0.1), STILL, STILL)
 
 
 def on_three(geometry: Any) -> Any:
-    """Where three displacements lead."""
+    """Return the pose for three displacements."""
     return geometry.moved(geometry.nominal, STILL), geometry.system.J_T
 
 
-def separated(found: Any) -> Any:
-    return found.distance, found.from_none, found.between_actuators
+def separated(result: Any) -> Any:
+    return result.distance, result.from_none, result.between_actuators
 
 
 @cache
 def room() -> Room:
-    """All of the small stage."""
+    """Return valid arguments of the small stage by parameter name."""
     s = stage()
     gained = control.ss(s.plant.A, s.plant.B @ s.plain.mapping.major_gain(), s.plant.C, 0)
     sampled, C = control.c2d(gained, PERIOD_S), np.asarray(s.plant.C)
-    faults, told = [Fault(0, "weak", 0.5)], [Diagnosis.told(Fault(0, "locked"), 1e-3)]
-    swing = Dither(1e-3, 20.0, (1.0, -1.0, 1.0))
+    faults, known = [Fault(0, "weak", 0.5)], [Diagnosis.known(Fault(0, "locked"), 1e-3)]
+    sinusoid = Dither(1e-3, 20.0, (1.0, -1.0, 1.0))
     linear = {"A": s.A, "B": s.B, "C_twist": np.hstack([J, 0 * J]), "C_active": np.eye(N, 2 * N)}
     tracked: dict[str, Any] = {"model": Stage(), "linear": SimpleNamespace(**linear)}
     tracked |= {"major": [0, 1], "noise": np.full(M1, 1e-3), "period_s": PERIOD_S}
     tracked |= {"step_s": PERIOD_S, "goal": GOAL, "crossover_hz": 5.0}
     cost = {"largest_displacement": 1e-3, "task": C, "largest_task_motion": np.array([1e-4, 1e-3])}
-    state, swinging = s.supervisor.start(), Supervisor(**s.supervised, dither=swing)
+    state, swinging = s.supervisor.start(), Supervisor(**s.supervised, dither=sinusoid)
     oracle = ftc.OracleController(**s.oracle)
 
     learned, machine = swinging.start(), Still()
@@ -158,15 +159,15 @@ def room() -> Room:
 
     good = {
         **AT_REST,
-        **{"secondary_reference": STILL, "unused_reference": STILL, "keeps": STILL},
+        **{"secondary_reference": STILL, "unused_reference": STILL, "retained": STILL},
         **{"feedforward": DESIRED, "lost_displacements": STILL, "acting": STILL, "secondary": [2]},
         **{"state": s.plain.start(), "loops": [s.loop] * M1, "mapping": s.mapping(limits=LIMITS)},
         **{"drives": ftc.DirectDrive(), "handover_s": 0.1, "demand_limit": 1.0},
         **{"anti_windup": True, "reference_feedforward": True},
         **{"name": "own", "task": s.task, "factory": lambda task: s.plain},
-        **{"goal": GOAL, "path": np.ones((4, 2)), "watched": lambda read, *_: read.output},
-        "estimate": lambda *_: DESIRED,
-        **{"sensor_check": ftc.SensorCheck(PERIOD_S), "dither": swing, "diagnoses": told},
+        **{"goal": GOAL, "path": np.ones((4, 2)), "estimate": lambda *_: DESIRED},
+        "diagnosis_outputs": lambda read, *_: read.output,
+        **{"sensor_check": ftc.SensorCheck(PERIOD_S), "dither": sinusoid, "diagnoses": known},
         **{"time_s": 0.5, "nominal": s.nominal, "faults": faults, "fault": faults[0]},
         **{"machine": machine, "geometry": s.geometry},
         **{"major": [0, 1], "form": "gauss_newton", "limits": LIMITS, "when_limited": "scaled"},
@@ -195,7 +196,7 @@ def room() -> Room:
         "Supervisor.calibrated": {"state": learned},
         "Supervisor.transfer of a supervisor's": {"state": state},
         "Supervisor.secondary": {"self": swinging},
-        "run_loop": {"controller": s.plain, "keeps": lambda state: state.inputs}
+        "run_loop": {"controller": s.plain, "log": lambda state: state.inputs}
         | dict.fromkeys(("reference", "feedforward"), np.ones((3, M1))),
         "LoopShape": vars(SHAPE),
         "ControlTask": vars(s.task),
@@ -211,14 +212,14 @@ def room() -> Room:
         "tracking_of": linear,
         "sensitivity_peak": {"L": sampled * control.append(s.loop.discrete, s.loop.discrete)},
         "circle_margin": {"plant": sampled},
-        "monitor_step": {"state": s.watch.start()},
+        "monitor_step": {"state": s.fdi_monitor.start()},
         "FdiConfig": vars(fdi.DEFAULT_CONFIG) | {"dither_hz": 20.0},
         "SensorCheck": {"limits": np.ones(2)},
         "Uncertainty": dict.fromkeys(vars(Uncertainty()), 0.1) | {"delay_s": 1e-3},
         "Cost": cost,
     }
     of = {
-        **{"PrioritizedController": s.plain, "GuardedController": s.guarded, "Dither": swing},
+        **{"PrioritizedController": s.plain, "GuardedController": s.guarded, "Dither": sinusoid},
         **{"Supervisor": s.supervisor, "Tracking": tracking(**tracked), "NominalModel": s.nominal},
         "Goal": Goal(free=(1,)),
     }
@@ -228,23 +229,24 @@ def room() -> Room:
         "PrioritizedController.transfer": lambda state: s.plain.step(state, **AT_REST).inputs,
         "Supervisor.transfer": lambda state: stepped(state=state),
         "Measurement": lambda read: stepped(measurement=read),
-        **dict.fromkeys(("PrioritizedController", "GuardedController"), flown),
-        **dict.fromkeys(("OracleController", "Supervisor"), flown),
-        "ControlTask": lambda task: flown(GuardedController("own", lambda _: s.plain, task)),
+        **dict.fromkeys(("PrioritizedController", "GuardedController"), simulate),
+        **dict.fromkeys(("OracleController", "Supervisor"), simulate),
+        "ControlTask": lambda task: simulate(GuardedController("own", lambda _: s.plain, task)),
         "Goal.of": vars,
-        "Goal": lambda goal: (s.mapping(goal).major_gain(), flown(s.pilot(goal))),
+        "Goal": lambda goal: (s.mapping(goal).major_gain(), simulate(s.make_controller(goal))),
         **{"PrioritizedMapping": mapped, "LocalGeometry": on_three, "MechanismGeometry": on_three},
         "LoopShape": lambda shape: ftc.compensator(s.channel, shape, PERIOD_S),
-        **{"Margins": lambda found: found.phase_margin_deg, "NominalModel": broken},
-        "Tracking": lambda made: (made.loops, made.nominal.noise, flown(made.controller(GOAL))),
+        **{"Margins": lambda result: result.phase_margin_deg, "NominalModel": broken},
+        "Tracking": lambda made: (made.loops, made.nominal.noise, simulate(made.controller(GOAL))),
         "Manipulability": lambda report: report.worst_gain,
         "LoopRun": lambda run: (run.measured, run.inputs),
         "Fault": lambda fault: fault_model(s.nominal, [fault]),
-        **{"FdiConfig": watched, "Monitor": lambda watch: watch.start().last_commanded},
-        "SensorCheck": lambda check: check.step(check.start(2), None, STILL).held_ticks,
+        "FdiConfig": after_some_samples,
+        "Monitor": lambda result: result.start().last_commanded,
+        "SensorCheck": lambda check: check.step(check.start(2), None, STILL).unusable_ticks,
         **{"Dither": lambda dither: dither.at(0.1), "Separations": separated},
         "DitherDesign": lambda design: separated(design.separations),
-        "Uncertainty": lambda u: separated(fdi.separations(s.nominal, swing, 0.1, u)),
+        "Uncertainty": lambda u: separated(fdi.separations(s.nominal, sinusoid, 0.1, u)),
         "Cost": lambda cost: separated(
             fdi.designed_dither(s.nominal, good["freedom"], [8.0], cost, 0.5).separations
         ),
@@ -252,9 +254,9 @@ def room() -> Room:
     }
     gaps = {"Measurement": ("output", "displacement"), "GuardedController.step": ("measurement",)}
     gaps |= {"Supervisor.step": ("measurement",)}
-    gaps["nominal_model_of"] = ("lower", "drive", "C")  # numpy takes masks off, not we
+    gaps["nominal_model_of"] = ("lower", "drive", "C")  # numpy removes the masks
     return Room(
-        found=FOUND,
+        found=TARGETS,
         good=good,
         special=special,
         of=of,
@@ -266,5 +268,5 @@ def room() -> Room:
     )
 
 
-test_a_hostile_argument_is_named_or_harmless = one_by_one(room, FOUND)
+test_a_hostile_argument_is_named_or_harmless = one_by_one(room, TARGETS)
 test_so_are_two_of_them = two_at_once(room)

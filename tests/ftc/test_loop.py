@@ -1,4 +1,4 @@
-"""The loop of any controller and machine, and the same with a linear plant, setting by setting."""
+"""Loops of a controller with a machine, and with a linear plant for several settings."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -10,74 +10,76 @@ import pytest
 from fjh.rig import Rig
 from ftc import Stage, one_tick, run_loop, steps
 from ftc.fdi import fault_model
-from tests.ftc.carts import rubbing_carts
+from tests.ftc.carts import carts_with_friction
 from tests.ftc.small_stage import Still, stage
 
 
 @pytest.mark.parametrize("kind", ["controller", "supervisor"])
 def test_one_tick_after_the_other_is_the_loop(kind):
-    """Written out here, to the bit."""
+    """The reference is a loop written out here, equal to the bit."""
     rig = Rig.hexapod()
-    pilot: Any = getattr(rig, kind)()
+    controller: Any = getattr(rig, kind)()
     reference = rig.path("circle", duration_s=0.04)
-    bench, state = rig.bench(np.zeros(len(reference)), (), 1), pilot.start()
+    bench, state = rig.bench(np.zeros(len(reference)), (), 1), controller.start()
     measured, inputs = [], []
     for row in reference:
         read = bench.measure()
-        state = pilot.step(state, row, read)
+        state = controller.step(state, row, read)
         bench.apply(state.inputs)
         measured.append(read.output)
         inputs.append(state.inputs)
-    looped = run_loop(rig.bench(np.zeros(len(reference)), (), 1), pilot, reference)
+    looped = run_loop(rig.bench(np.zeros(len(reference)), (), 1), controller, reference)
     np.testing.assert_array_equal(looped.measured, measured)
     np.testing.assert_array_equal(looped.inputs, inputs)
 
 
-class Own:
-    """A controller that a user brings: it knows of no feedforward."""
+class UserController:
+    """Controller of a user without a feedforward argument."""
 
     def start(self) -> Any:
-        """At zero."""
+        """Return zero inputs."""
         return SimpleNamespace(inputs=np.zeros(2))
 
     def step(self, state, reference, measurement):
-        """The reference."""
+        """Return the reference as inputs."""
         return SimpleNamespace(inputs=reference)
 
 
-class Taking(Own):
-    """One that does."""
+class WithFeedforward(UserController):
+    """Controller of a user with a feedforward argument."""
 
     def step(self, state, reference, measurement, *, feedforward=None):
-        """The feedforward, if there is one."""
+        """Return the feedforward as inputs, or else the reference."""
         return super().step(state, reference if feedforward is None else feedforward, measurement)
 
 
 def test_feedforward_reaches_the_controllers_that_take_it():
     path, ahead = np.ones((3, 2)), np.arange(6.0).reshape(3, 2)
-    np.testing.assert_array_equal(run_loop(Still(), Taking(), path, ahead).inputs, ahead)
-    np.testing.assert_array_equal(run_loop(Still(), Taking(), path).inputs, path)
-    np.testing.assert_array_equal(run_loop(Still(), Own(), path, ahead).inputs, path)
-    state, seen = one_tick(Still(), Taking().step, Taking().start(), path[0], feedforward=ahead[1])
+    np.testing.assert_array_equal(run_loop(Still(), WithFeedforward(), path, ahead).inputs, ahead)
+    np.testing.assert_array_equal(run_loop(Still(), WithFeedforward(), path).inputs, path)
+    np.testing.assert_array_equal(run_loop(Still(), UserController(), path, ahead).inputs, path)
+    state, seen = one_tick(
+        Still(), WithFeedforward().step, WithFeedforward().start(), path[0], feedforward=ahead[1]
+    )
     np.testing.assert_array_equal(state.inputs, ahead[1])
     np.testing.assert_array_equal(seen, Still().measure().output)
     with pytest.raises(ValueError, match="feedforward must have shape"):
-        run_loop(Still(), Taking(), path, ahead[:2])
+        run_loop(Still(), WithFeedforward(), path, ahead[:2])
 
 
-@pytest.mark.parametrize("rubs", [False, True])
-def test_a_batch_of_settings_is_each_setting_alone(rubs):
-    """Limits of demands, anti-windup and starts of a stage; dry friction of carts on servos."""
-    rng, own = np.random.default_rng(0), stage()
+@pytest.mark.parametrize("has_friction", [False, True])
+def test_a_batch_of_settings_is_each_setting_alone(has_friction):
+    """The settings are demand limits, anti-windup and start; the other plant has dry friction."""
+    rng, small = np.random.default_rng(0), stage()
     settings: dict[str, Any] = {}
-    nominal, disturbance = rubbing_carts(0), None
-    if rubs:
+    nominal, disturbance = carts_with_friction(0), None
+    if has_friction:
         whole = Stage(fault_model(nominal))
         loops: Any = [control.ss([], [], [], [[0.2]], nominal.period_s)] * 3
         reference = 1e-3 * rng.normal(size=(3, 20, 3)).cumsum(axis=1)
     else:
-        nominal, loops = own.nominal, [own.loop] * 2
-        whole = Stage(fault_model(nominal), gain=own.mapping().major_gain())
+        nominal, loops = small.nominal, [small.loop] * 2
+        whole = Stage(fault_model(nominal), gain=small.mapping().major_gain())
         settings["limit"] = np.array([1e-2, 2e-2, np.inf])
         settings["anti_windup"] = np.array([True, False, True])
         settings["start"] = 1e-4 * rng.normal(size=(3, 6))
@@ -94,6 +96,6 @@ def test_a_batch_of_settings_is_each_setting_alone(rubs):
     many = states(slice(None))
     for k in range(3):
         np.testing.assert_allclose(many[k], states(k), rtol=1e-12, atol=1e-15)
-    if rubs:  # and a tick of it is that of the model
+    if has_friction:  # and a tick of it is that of the model
         u = 0.2 * (reference[1, 7] - nominal.plant.C @ many[1, 7])
         np.testing.assert_allclose(whole.model.step(many[1, 7], u), many[1, 8], atol=1e-12)

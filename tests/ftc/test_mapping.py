@@ -1,4 +1,4 @@
-"""From a major task to the actuators: limits, compiled ticks, gains."""
+"""Mapping from a major task to the actuators: limits, compiled ticks, gains."""
 
 from collections.abc import Callable
 from copy import copy
@@ -28,20 +28,20 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 @examples(40)
 @given(SEEDS, st.sampled_from([{}, {1: 0.2}, {0: -0.3, 3: 0.1}]))
-def test_what_is_achieved_is_as_near_to_the_demand_as_the_limits_allow(seed, locked_at):
-    """An independent bounded solver finds the same error, stuck actuators included.
+def test_the_achieved_task_is_the_nearest_within_the_limits(seed, locked_at):
+    """An independent bounded solver finds the same error, locked actuators included.
 
-    Whatever the others are told to do beside it, beyond their limits or not.
+    It does not depend on the secondary reference, within or beyond the limits.
     """
     own, rng = serial(seed), np.random.default_rng(seed + 1)
-    demand, beside = rng.normal(size=2), rng.choice([0.0, 10.0]) * rng.normal(size=5)
+    demand, secondary = rng.normal(size=2), rng.choice([0.0, 10.0]) * rng.normal(size=5)
     mapping = limited(own, goal=Goal(joint_weight=(1.0,) * 5, locked_at=locked_at))
-    found_m, residual = mapping.tick(demand, own.nominal, secondary_reference=beside)
-    assert np.abs(found_m).max() <= 0.5
-    assert not found_m[list(locked_at)].any()
-    standing_m = found_m.copy()
-    standing_m[list(locked_at)] = list(locked_at.values())
-    achieved = mapping.major_motion(standing_m, own.nominal)
+    result_m, residual = mapping.tick(demand, own.nominal, secondary_reference=secondary)
+    assert np.abs(result_m).max() <= 0.5
+    assert not result_m[list(locked_at)].any()
+    all_m = result_m.copy()
+    all_m[list(locked_at)] = list(locked_at.values())
+    achieved = mapping.major_motion(all_m, own.nominal)
     assert residual is not None
     np.testing.assert_allclose(residual, demand - achieved, atol=1e-9)
     J = own.system.J_T[MAJOR]
@@ -53,19 +53,19 @@ def test_what_is_achieved_is_as_near_to_the_demand_as_the_limits_allow(seed, loc
 
 @given(SEEDS)
 def test_limits_that_are_not_reached_change_nothing(seed):
-    """Nor does an infinite limit beside one: many arms have joints that turn without end."""
+    """Limits may be infinite for some joints, since many arms have continuous joints."""
     own, rng = serial(seed), np.random.default_rng(seed + 1)
     demand, reference_m = 0.1 * rng.normal(size=2), 0.1 * rng.normal(size=5)
     unlimited = limited(own, None)
     free = unlimited.displacements(demand, own.nominal, secondary_reference=reference_m)
-    found, residual = unlimited.tick(demand, own.nominal, secondary_reference=reference_m)
-    np.testing.assert_array_equal(found, free)
+    result, residual = unlimited.tick(demand, own.nominal, secondary_reference=reference_m)
+    np.testing.assert_array_equal(result, free)
     assert residual is None
     wide = np.where(np.arange(5) % 2, np.inf, 2 * np.abs(free).max())
     box = (-wide, wide)
     mapping = PrioritizedMapping(own, Goal((1.0,) * 5), MAJOR, SECONDARY, limits=box)
-    found, residual = mapping.tick(demand, own.nominal, secondary_reference=reference_m)
-    np.testing.assert_allclose(found, free, atol=1e-10)
+    result, residual = mapping.tick(demand, own.nominal, secondary_reference=reference_m)
+    np.testing.assert_allclose(result, free, atol=1e-10)
     assert residual is not None and np.abs(residual).max() < 1e-10
 
 
@@ -85,7 +85,7 @@ def test_scaled_demands_keep_their_direction(seed):
         (Goal(locked_at={1: 0.1}), None, "with an actuator locked off centre"),
     ],
 )
-def test_what_increments_cannot_do_is_refused(goal, limits, why):
+def test_the_incremental_form_rejects_limits_and_locks_off_centre(goal, limits, why):
     with pytest.raises(ValueError, match=f'form must be "absolute" or "gauss_newton" {why}'):
         PrioritizedMapping(serial(0), goal, MAJOR, SECONDARY, limits=limits, form="incremental")
 
@@ -105,7 +105,7 @@ def test_around_a_lock_off_centre_the_others_close_the_loops_and_do_the_task(see
 # A tick in one compiled call is the mapping by its objects, on five robots.
 
 ROBOTS = {"arm": (3, 4, 5), "hand": (3, 4), "arms": (3, 4, 5), "platform": (3, 4)}
-"""Bundled ones and their major rows, beside the hexapod."""
+"""Bundled robots and their major rows, in addition to the hexapod."""
 
 
 @cache
@@ -114,25 +114,25 @@ def mechanism(name: str) -> Mechanism:
 
 
 def by_objects(mapping: PrioritizedMapping[Any]) -> PrioritizedMapping[Any]:
-    """The same mapping without compiled ticks."""
+    """Return a copy of the mapping without compiled ticks."""
     other = copy(mapping)
     vars(other).update(_ticks=[None, None])
     return other
 
 
 def goal_of(rng: np.random.Generator, n: int, rows: int, *, fails: bool) -> Goal:
-    """Random weights, and perhaps an actuator that stands, off centre or not."""
+    """Sample a goal with random weights and, with `fails`, a locked actuator."""
     secondary = tuple(rng.uniform(0.5, 2.0, rows)) if rng.random() < 0.5 else None
-    standing = {int(rng.integers(n)): float(rng.choice([0.0, 1e-4]))} if fails else {}
-    return Goal(tuple(rng.uniform(0.5, 2.0, n)), secondary, locked_at=standing)
+    locked = {int(rng.integers(n)): float(rng.choice([0.0, 1e-4]))} if fails else {}
+    return Goal(tuple(rng.uniform(0.5, 2.0, n)), secondary, locked_at=locked)
 
 
 Ticks = tuple[PrioritizedMapping[Any], Callable[[], tuple[Any, ...]]]
-"""A mapping, and random arguments of its tick."""
+"""Mapping and a function that samples arguments of its tick."""
 
 
 def robot_ticks(name: str, rng: np.random.Generator) -> Ticks:
-    """Of a bundled robot."""
+    """Return the mapping of a bundled robot and a sampler of ticks."""
     model, major = mechanism(name), ROBOTS[name]
     n = len(model.nominal.displacements)
     goal = goal_of(rng, n, 6 - len(major), fails=name != "hand" and rng.random() < 0.5)
@@ -150,7 +150,7 @@ def robot_ticks(name: str, rng: np.random.Generator) -> Ticks:
 
 
 def hexapod_ticks(rng: np.random.Generator) -> Ticks:
-    """Of the hexapod, in all forms, with limits or not."""
+    """Return a mapping of the hexapod in a random form and a sampler of ticks."""
     model = load_model()
     form = str(rng.choice(["absolute", "incremental", "gauss_newton"]))
     goal = goal_of(rng, 6, 4, fails=form != "incremental" and rng.random() < 0.5)
@@ -174,26 +174,26 @@ def hexapod_ticks(rng: np.random.Generator) -> Ticks:
 )
 @pytest.mark.parametrize("name", ["hexapod", *ROBOTS])
 def test_a_compiled_tick_displaces_the_actuators_as_the_objects_do(name, mappings, ticks):
-    """Ten thousand of them, if it is to take long."""
+    """The long test compares ten thousand ticks."""
     rng, compiled = np.random.default_rng(0), 0
     for _ in range(mappings):
-        mapping, draw = hexapod_ticks(rng) if name == "hexapod" else robot_ticks(name, rng)
+        mapping, sample_tick = hexapod_ticks(rng) if name == "hexapod" else robot_ticks(name, rng)
         for _ in range(ticks):
-            demand, pose, *rest = draw()
-            found, lacking = mapping.tick(demand, pose, *rest)
-            expected, known = by_objects(mapping).tick(demand, pose, *rest)
+            demand, pose, *others = sample_tick()
+            result, residual = mapping.tick(demand, pose, *others)
+            expected, known = by_objects(mapping).tick(demand, pose, *others)
             size = np.abs(expected).max()
-            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * size)
-            assert (lacking is None) == (known is None)
-            if lacking is not None and known is not None:
-                np.testing.assert_allclose(lacking, known, atol=1e-9 * np.abs(demand).max())
+            np.testing.assert_allclose(result, expected, rtol=1e-9, atol=1e-9 * size)
+            assert (residual is None) == (known is None)
+            if residual is not None and known is not None:
+                np.testing.assert_allclose(residual, known, atol=1e-9 * np.abs(demand).max())
         compiled += mapping._ticks[mapping.limits is not None] is not None
     assert compiled == mappings
 
 
 @pytest.mark.parametrize("weights", [{"joint": 1.0}, {"secondary": 1.0}, {"joint": 1.0, "off": 2}])
-def test_the_secondary_gain_is_what_a_reference_moves(weights):
-    """A small reference at the nominal pose moves the commands by the gain, the task not at all."""
+def test_the_secondary_gain_is_the_effect_of_a_reference(weights):
+    """A small reference at the nominal pose moves the commands by the gain, but not the task."""
     goal = Goal(
         joint_weight=(weights["joint"],) * 7 if "joint" in weights else None,
         secondary_weight=(1.0,) * 4 if "secondary" in weights else None,
@@ -204,6 +204,6 @@ def test_the_secondary_gain_is_what_a_reference_moves(weights):
     system = ConstrainedSystem.of(mechanism("arm").jacobians(mapping.nominal))
     assert np.linalg.matrix_rank(gain, 1e-9) == 5 - ("off" in weights) - ("secondary" in weights)
     np.testing.assert_allclose(system.kinematics().J[[0, 1]] @ gain, 0.0, atol=1e-12)
-    for wish in 1e-3 * np.eye(7):
-        moved = mapping.displacements(still, mapping.nominal, np.zeros(7), None, wish)
-        np.testing.assert_allclose(moved, gain @ wish, atol=1e-12)
+    for reference in 1e-3 * np.eye(7):
+        moved = mapping.displacements(still, mapping.nominal, np.zeros(7), None, reference)
+        np.testing.assert_allclose(moved, gain @ reference, atol=1e-12)

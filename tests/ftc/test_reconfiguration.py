@@ -1,4 +1,4 @@
-"""What follows from a diagnosis: another goal, and whether to go over to a controller for it."""
+"""Reconfiguration after a diagnosis: the new goal, and the decision to switch controllers."""
 
 import copy
 from dataclasses import replace
@@ -14,14 +14,14 @@ from fjh.rig import Rig
 from fjh.rig.hexapod.rig import hexapod_rig
 from ftc import DirectDrive, goal_after
 from ftc.fdi import Fault
-from ftc.reconfiguration import Case, Outlook, lost_displacement
+from ftc.reconfiguration import ErrorPrediction, Scenario, lost_displacement
 from sim import Failure
 from tests.ftc.hexapod import EQUAL, diagnosis
 
 STILL = np.zeros(12)
 
 
-def test_the_reconfigured_goal_says_what_is_known_of_each_strut():
+def test_the_reconfigured_goal_contains_the_diagnoses():
     nominal = hexapod_rig().nominal
     known = [
         diagnosis(Fault(0, "locked"), 3e-6),
@@ -37,11 +37,11 @@ def test_the_reconfigured_goal_says_what_is_known_of_each_strut():
     )
     np.testing.assert_array_equal(locked, 0.0)
     assert free[2] == pytest.approx(2e-6, rel=1e-2)  # no more than it was commanded
-    assert weak[5] == 0.0  # it is already where it will be, or further
+    assert weak[5] == 0.0  # it has already reached its final displacement
 
 
 def test_a_weak_coil_is_commanded_more_with_care():
-    """Twice as much at the most; what has less than half of its force is left alone."""
+    """The command is at most doubled; an actuator with less than half its force is not used."""
     nominal, commanded_m = hexapod_rig().nominal, np.full(6, 8e-6)
     most = diagnosis(Fault(5, "weak", 0.501), 4e-6, confirmed=True)
     goal = goal_after(EQUAL, [most], nominal, "locked")
@@ -57,64 +57,65 @@ def test_a_weak_coil_is_commanded_more_with_care():
 
 
 @cache
-def outlook(duration_s: float = 0.4) -> tuple[Rig, Any, Outlook]:
-    """The rig, its controller, and a circle ahead."""
+def error_prediction(duration_s: float = 0.4) -> tuple[Rig, Any, ErrorPrediction]:
+    """Return the rig, its controller, and the prediction for a circle."""
     rig = Rig.hexapod()
     path = rig.path("circle", duration_s=0.4)[: round(duration_s / rig.period_s)]
     still = np.zeros((3 * len(path), 6))
-    ahead = Outlook(rig.nominal, np.zeros(2), path, secondary=still, unused=still)
+    ahead = ErrorPrediction(rig.nominal, np.zeros(2), path, secondary=still, unused=still)
     return rig, rig.controller(), ahead
 
 
 @pytest.mark.parametrize("kind", ["locked", "free", "weak"])
 def test_the_predicted_error_is_that_of_the_linear_loop(kind):
-    """The controller, stepped against the model, errs as the closed loop in matrices does."""
-    rig, controller, ahead = outlook()
-    pilot, left = copy.copy(controller), 0.5 if kind == "weak" else 0.0
-    pilot.drives = DirectDrive()  # converters round
-    found = ahead.rms(pilot, pilot.start(), Case(1.0, [Fault(2, kind, left)], STILL))
-    told = {"failures": [Failure(2, kind, 0.0)], "told": False, "noise": 0 * ahead.references}
-    expected = rig.predict(ahead.references, **told).rms_after / rig.nominal.noise
-    assert found == pytest.approx(np.linalg.norm(expected), rel=1e-6)
+    """The stepped controller has the error of the closed loop in matrices."""
+    rig, controller, ahead = error_prediction()
+    exact, remaining = copy.copy(controller), 0.5 if kind == "weak" else 0.0
+    exact.drives = DirectDrive()  # converters round
+    result = ahead.rms(exact, exact.start(), Scenario(1.0, [Fault(2, kind, remaining)], STILL))
+    arguments = {"failures": [Failure(2, kind, 0.0)], "told": False, "noise": 0 * ahead.references}
+    expected = rig.predict(ahead.references, **arguments).rms_after / rig.nominal.noise
+    assert result == pytest.approx(np.linalg.norm(expected), rel=1e-6)
 
 
-def test_what_the_model_is_off_now_stays():
-    """A reading that is 3 urad from the model's is 3 urad from it all the time, and integrated."""
-    rig, pilot, ahead = outlook()
+def test_the_present_model_error_is_constant():
+    """A difference of 3 urad between reading and model is assumed constant."""
+    rig, exact, ahead = error_prediction()
     resting = replace(ahead, references=np.zeros((1, 2)), output=np.array([3e-6, 0.0]))
-    found = resting.rms(pilot, pilot.start(), Case(1.0, [], STILL))
-    assert found == pytest.approx(3e-6 / rig.nominal.noise[0])
+    result = resting.rms(exact, exact.start(), Scenario(1.0, [], STILL))
+    assert result == pytest.approx(3e-6 / rig.nominal.noise[0])
 
 
 @given(part=st.floats(0.0, 2.0))
-def test_an_error_that_is_enough_is_not_followed_to_its_end(part):
-    """What is returned then lies between what was enough and the error to its end."""
-    _, pilot, short = outlook(0.04)
-    case = Case(1.0, [Fault(2, "free")], STILL)
-    whole = short.rms(pilot, pilot.start(), case)
-    found = short.rms(pilot, pilot.start(), case, part * whole)
-    assert part * whole * (1 - 1e-12) <= found <= whole if part < 1 else found == whole
+def test_a_prediction_ends_once_the_error_is_large_enough(part):
+    """The partial error lies between the threshold and the full error."""
+    _, exact, short = error_prediction(0.04)
+    case = Scenario(1.0, [Fault(2, "free")], STILL)
+    whole = short.rms(exact, exact.start(), case)
+    result = short.rms(exact, exact.start(), case, part * whole)
+    assert part * whole * (1 - 1e-12) <= result <= whole if part < 1 else result == whole
 
 
-# Decisions by errors that are given.
+# Decisions by given errors.
 
 
-def goes_over(*cases: tuple[float, float, float]) -> tuple[bool, list]:
-    """Whether it does, and what was predicted; cases of probability and error to stay and to go."""
-    asked: list = []
-    errors: dict[Any, float] = {("stays", p): stays for p, stays, _ in cases}
-    errors |= {("goes", p): goes for p, _, goes in cases}
+def should_switch(*cases: tuple[float, float, float]) -> tuple[bool, list]:
+    """Return the decision and the predictions, for cases (probability, error now, error then)."""
+    requested: list = []
+    errors: dict[Any, float] = {("stays", p): present for p, present, _ in cases}
+    errors |= {("goes", p): candidate for p, _, candidate in cases}
 
-    class Table(Outlook):
-        def rms(self, pilot, state, case, enough=np.inf):
-            """As little of it as is enough."""
-            asked.append((pilot, case.probability))
-            return min(errors[pilot, case.probability], enough)
+    class Table(ErrorPrediction):
+        def rms(self, controller, state, case, enough=np.inf):
+            """Return the given error, at most `enough`."""
+            requested.append((controller, case.probability))
+            return min(errors[controller, case.probability], enough)
 
-    stays: Any = ("stays", None)
-    goes: Any = ("goes", None)
-    table = Table(**vars(outlook()[2]))
-    return table.goes_over(stays, goes, [Case(p, [], STILL) for p, *_ in cases]), asked
+    present: Any = ("stays", None)
+    candidate: Any = ("goes", None)
+    table = Table(**vars(error_prediction()[2]))
+    scenarios = [Scenario(p, [], STILL) for p, *_ in cases]
+    return table.should_switch(present, candidate, scenarios), requested
 
 
 COSTS = st.floats(1e-3, 1e3)
@@ -123,40 +124,40 @@ COSTS = st.floats(1e-3, 1e3)
 @example(p=0.9, costs=(0.1, 0.1, 1.0, 1.0))  # smaller than noise of two rows
 @example(p=0.9, costs=(0.1, 0.1, 2.0, 2.0))
 @given(p=st.floats(0.51, 1.0), costs=st.tuples(COSTS, COSTS, COSTS, COSTS))
-def test_it_goes_over_if_the_expected_error_is_no_larger(p, costs):
-    found, _ = goes_over((p, costs[0], costs[2]), (1 - p, costs[1], costs[3]))
-    staying, going = p * costs[0] + (1 - p) * costs[1], p * costs[2] + (1 - p) * costs[3]
-    assert found == (going <= max(staying, np.sqrt(2)))
+def test_it_switches_if_the_expected_error_is_no_larger(p, costs):
+    result, _ = should_switch((p, costs[0], costs[2]), (1 - p, costs[1], costs[3]))
+    stay_cost, switch_cost = p * costs[0] + (1 - p) * costs[1], p * costs[2] + (1 - p) * costs[3]
+    assert result == (switch_cost <= max(stay_cost, np.sqrt(2)))
 
 
 def test_one_chance_in_a_thousand_of_instability_is_enough_to_stay():
-    assert not goes_over((0.999, 9.0, 0.1), (0.001, 9.0, np.inf))[0]
+    assert not should_switch((0.999, 9.0, 0.1), (0.001, 9.0, np.inf))[0]
 
 
-def test_what_cannot_be_is_not_predicted_and_does_not_count():
-    """Nor are more cases of staying, once those before them cost as much as to go."""
-    decided, asked = goes_over((1.0, 9.0, 3.0), (0.0, np.inf, np.inf))
-    assert decided and asked == [("goes", 1.0), ("stays", 1.0)]
-    decided, asked = goes_over((0.9, 9.0, 3.0), (0.1, np.nan, 3.0))
-    assert decided and ("stays", 0.1) not in asked
+def test_impossible_scenarios_are_not_predicted():
+    """The present controller is evaluated only until its error exceeds that of the candidate."""
+    switches, requested = should_switch((1.0, 9.0, 3.0), (0.0, np.inf, np.inf))
+    assert switches and requested == [("goes", 1.0), ("stays", 1.0)]
+    switches, requested = should_switch((0.9, 9.0, 3.0), (0.1, np.nan, 3.0))
+    assert switches and ("stays", 0.1) not in requested
 
 
 @pytest.mark.long
 def test_a_decision_looks_a_second_ahead_from_where_the_path_is(monkeypatch):
-    """The references of the last second, the latest first, and two cases that are all there is."""
+    """The prediction replays the last second in reverse, for two scenarios of probability one."""
     rig, seen = Rig.hexapod(), []
 
-    def declined(self: Outlook, _stays: Any, _goes: Any, cases: list[Case]) -> bool:
+    def declined(self: ErrorPrediction, _now: Any, _then: Any, cases: list[Scenario]) -> bool:
         seen.append((self, cases))
         return False
 
-    monkeypatch.setattr(Outlook, "goes_over", declined)
+    monkeypatch.setattr(ErrorPrediction, "should_switch", declined)
     path = rig.path("circle", duration_s=2.5)
     run = rig.fly(rig.supervisor(), path, failures=[Failure(1, "locked", 1.5)])
     ahead, cases = seen[0]
     assert len(ahead.references) * rig.period_s == pytest.approx(1.0, rel=0.02)
-    named = int(np.searchsorted(run.time_s, run.diagnoses[0].time_s))
-    latest = path[named - 10 : named + 1]
+    isolated = int(np.searchsorted(run.time_s, run.diagnoses[0].time_s))
+    latest = path[isolated - 10 : isolated + 1]
     assert np.abs(latest - ahead.references[0]).max(axis=1).min() < 1e-12
     assert sum(case.probability for case in cases) == pytest.approx(1.0)
     assert [len(case.faults) for case in cases] == [1, 0]

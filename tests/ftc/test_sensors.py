@@ -1,4 +1,4 @@
-"""When a reading is usable: a rule of numbers, ranges and repetitions, and what it costs."""
+"""Usable readings: a rule of numbers, ranges and repetitions."""
 
 from dataclasses import replace
 from typing import Any
@@ -13,13 +13,13 @@ from ftc.sensors import SensorState
 
 PERIOD_S = 1e-3
 CHECK = SensorCheck(PERIOD_S, limits=(10.0, 10.0))
-NAMED = "the task's sensor", "the commands are held"
+MESSAGES = "the task's sensor", "the commands are held"
 STUCK = 35  # ticks of the usual time
 SOON = 10  # ticks of a slower loop, for which random readings repeat now and then
 
 
 def read(readings: Any, check: SensorCheck = CHECK, moving: bool = True) -> list[SensorState]:
-    """States after each reading, commands changing or not."""
+    """Return the states after each reading, with or without changing commands."""
     state, states = check.start(2), []
     for tick, reading in enumerate(readings):
         state = check.step(state, reading, np.full(3, float(tick * moving)))
@@ -41,7 +41,7 @@ NO_NUMBERS = [
 
 @given(st.lists(st.tuples(st.integers(-2, 13), st.integers(0, 9)), max_size=80))
 def test_the_rule_is_that_of_a_few_lines(spec):
-    """An oracle that looks at the whole record, in which each row takes one of a few values."""
+    """The reference evaluates the whole record, whose rows take one of a few values."""
     values = np.random.default_rng(1).normal(size=(10, 2))
     readings = [
         NO_NUMBERS[kind] if kind >= 0 else np.array([values[n % 5, 0], values[n, 1]])
@@ -50,7 +50,7 @@ def test_the_rule_is_that_of_a_few_lines(spec):
     states = read(readings, replace(CHECK, period_s=STUCK / SOON * PERIOD_S))
     missing = [kind >= 0 for kind, _ in spec]
     assert [state.missing for state in states] == np.cumsum(missing, dtype=int).tolist()
-    assert [state.held_ticks for state in states] == np.cumsum(
+    assert [state.unusable_ticks for state in states] == np.cumsum(
         [not state.usable for state in states], dtype=int
     ).tolist()
     lost = False
@@ -73,7 +73,7 @@ def test_the_rule_is_that_of_a_few_lines(spec):
 
 @pytest.mark.parametrize("period_s", [0.5e-3, 1e-3, 2e-3])
 def test_a_sensor_is_stuck_or_lost_after_the_same_time_at_any_rate(period_s):
-    """But for five repetitions, for which a slow loop waits."""
+    """Slow loops wait for five repetitions instead."""
     check = SensorCheck(period_s)
     stuck = read([np.ones(2)] * 100, check)
     gone = read([*noise(1), *[None] * 100, *noise(9, seed=1)], check)
@@ -85,18 +85,18 @@ def test_a_sensor_is_stuck_or_lost_after_the_same_time_at_any_rate(period_s):
     assert [state.usable for state in slow] == [True] * 5 + [False] * 3
 
 
-def test_a_machine_at_rest_may_repeat_itself_and_one_without_noise_always():
-    """Commands that stand still say nothing of the sensor."""
+def test_readings_may_repeat_at_rest_and_without_noise():
+    """Constant commands give no information on the sensor."""
     still = [np.zeros(2)] * 100
     assert all(state.usable for state in read(still, moving=False))
-    said = read(still)[-1].sentence(PERIOD_S, *NAMED)
-    assert said == "the task's sensor repeats one value since 0.001 s: the commands are held"
+    text = read(still)[-1].sentence(PERIOD_S, *MESSAGES)
+    assert text == "the task's sensor repeats one value since 0.001 s: the commands are held"
     assert all(state.usable for state in read(still, SensorCheck(PERIOD_S, noisy=False)))
 
 
 @pytest.mark.parametrize("rows", [[0], [0, 1]])
-def test_a_repeated_reading_is_used_once_more_and_is_nothing_new(rows):
-    """Nor is one of which a row repeats: that row is of another time than the others."""
+def test_a_repeated_reading_is_usable_but_not_new(rows):
+    """A reading with one repeated row is not new either: the rows are of different times."""
     readings = noise(20)
     readings[10][rows] = readings[9][rows]
     states = read(readings)
@@ -104,11 +104,13 @@ def test_a_repeated_reading_is_used_once_more_and_is_nothing_new(rows):
     assert [state.new for state in states] == [tick != 10 for tick in range(20)]
     assert states[-1].repeated == (len(rows) == 2)
     if len(rows) == 2:
-        assert states[-1].sentence(PERIOD_S, *NAMED) == "the task's sensor is usable (1 repeated)"
+        assert (
+            states[-1].sentence(PERIOD_S, *MESSAGES) == "the task's sensor is usable (1 repeated)"
+        )
 
 
-def test_after_a_loss_the_value_before_it_is_no_reading():
-    """The commands are held, and do not change."""
+def test_after_a_loss_a_repeated_reading_is_not_usable():
+    """The commands are held and do not change."""
     check, sent = CHECK, np.ones(3)
     state = check.step(check.start(2), np.ones(2), np.zeros(3))
     for reading in [None] * 30 + [np.ones(2)] * 100:

@@ -1,4 +1,4 @@
-"""Which failures look alike, in steady states and transients; motions and sensors that end it."""
+"""Separation of failures in steady states and transients, and its design."""
 
 from dataclasses import replace
 from functools import cache
@@ -33,7 +33,7 @@ from ftc.fdi import (
     separations_at,
 )
 from ftc.fdi.bank import hypothesis_bank
-from ftc.fdi.separation import ALIKE, distances
+from ftc.fdi.separation import SEPARATION_THRESHOLD, distances
 from ftc.fdi.uncertainty import TYPICAL
 from tests.ftc.hexapod import DITHER, jacobian
 from tests.random_systems import bits
@@ -41,14 +41,14 @@ from tests.random_systems import bits
 seeds = pytest.mark.parametrize("seed", range(3))
 servos = pytest.mark.parametrize("servo", [False, True])
 
-# Random mechanisms on springs and servos, and motions that try them.
+# Random mechanisms on springs and servos, and their dithers.
 
 LOOSE = Uncertainty(gain=0.03, stiffness=0.03, damping=0.2, delay_s=1e-3)
 
 
 @cache
 def mechanism(seed: int, *, servo: bool = False, n: int = 3, outputs: int = 2) -> NominalModel:
-    """Well damped masses on springs, or on servos, more of them than actuators at odd seeds."""
+    """Return well-damped masses on springs or servos, with a passive one at odd seeds."""
     rng = np.random.default_rng(seed)
     k = n + seed % 2
     half = rng.normal(size=(k, k))
@@ -73,7 +73,7 @@ def mechanism(seed: int, *, servo: bool = False, n: int = 3, outputs: int = 2) -
 
 @cache
 def twins() -> NominalModel:
-    """Two equal masses, one sensor of their sum, and a third that it does not see."""
+    """Return two equal masses with one sensor of their sum, and an unobserved third mass."""
     A = np.block([[np.zeros((3, 3)), np.eye(3)], [-4000.0 * np.eye(3), -30.0 * np.eye(3)]])
     B = np.vstack([np.zeros((3, 3)), 4000.0 * np.eye(3)])
     C = np.array([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])
@@ -91,26 +91,26 @@ def random_dither(seed: int, n: int = 3, hz: float = 10.0) -> Dither:
 FAULTS = [Fault(k, kind, 0.5 * (kind == "weak")) for k in range(3) for kind in KINDS]
 
 
-def swing(nominal: NominalModel, hz: float, u: np.ndarray, *faults: Fault) -> Any:
-    """Steady phasor of the states, (s,), under commands of amplitudes (n,)."""
+def phasor_of(nominal: NominalModel, hz: float, u: np.ndarray, *faults: Fault) -> Any:
+    """Return the steady phasor (s,) of the states for commands of amplitudes (n,)."""
     model, z = fault_model(nominal, faults), np.exp(2j * np.pi * hz * nominal.period_s)
     return np.linalg.solve(z * np.eye(len(model.A)) - model.A, model.B @ u)
 
 
-def test_two_actuators_are_as_far_apart_as_the_nearest_of_their_failures():
-    """And an actuator from no failure as its nearest one, whichever of the two happens."""
-    found = separations(mechanism(0), random_dither(0), 1.0)
-    between = found.between_actuators
+def test_the_distance_of_actuators_is_that_of_their_nearest_failures():
+    """The diagonal is that of an actuator and no failure; the smaller of both directions counts."""
+    result = separations(mechanism(0), random_dither(0), 1.0)
+    between = result.between_actuators
     for i, j in np.ndindex(3, 3):
         rows, columns = (slice(3 * k, 3 * k + 3) for k in (i, j))
-        both = found.distance[rows, columns].min(), found.distance[columns, rows].min()
-        assert between[i, j] == (found.from_none[rows].min() if i == j else min(both))
+        both = result.distance[rows, columns].min(), result.distance[columns, rows].min()
+        assert between[i, j] == (result.from_none[rows].min() if i == j else min(both))
 
 
 def change(nominal: NominalModel, dither: Dither, fault: Fault) -> Any:
-    """What a failure changes of the steady phasor of the whitened outputs, (p,)."""
+    """Return the change of the steady phasor (p,) of the whitened outputs by a failure."""
     how = nominal, dither.frequency_hz, dither.amplitude * np.array(dither.direction)
-    return fault_model(nominal).C @ (swing(*how, fault) - swing(*how))
+    return fault_model(nominal).C @ (phasor_of(*how, fault) - phasor_of(*how))
 
 
 NIGHT = [pytest.mark.long, pytest.mark.night]
@@ -122,37 +122,35 @@ NIGHT = [pytest.mark.long, pytest.mark.night]
 @pytest.mark.parametrize(
     ("servo", "tolerance"), [(False, 0.02), pytest.param(True, 0.1, marks=NIGHT)]
 )
-def test_in_a_long_time_an_exact_model_separates_as_isolability_says(
-    row, seed, servo, tolerance, monkeypatch
-):
-    """The transient fades in the sum; what is left is the energy of a sinusoid, T / 2 |a|^2.
+def test_for_long_times_separations_equal_the_isolability(row, seed, servo, tolerance, monkeypatch):
+    """The transient becomes negligible against the energy of the sinusoid, T / 2 |a|^2.
 
-    With any time of onset, as there, an explanation that begins at the end explains no more than no
-    failure does. Between the losses of a servo's force, both interpolate, in other places.
+    With free onsets, an explanation that starts at the end equals no failure. Both interpolate
+    between losses of a servo's force, but at different points.
     """
     nominal, dither, time_s = mechanism(seed, servo=servo), random_dither(seed), 3.0
     monkeypatch.setattr(separation, "_STEP_S", 0.01)  # of onsets, a tenth of a period
-    found = separations(nominal, dither, time_s)
+    result = separations(nominal, dither, time_s)
     onset, times = 20, np.arange(round(time_s / nominal.period_s)) * nominal.period_s
     commanded = np.vstack([np.zeros((onset, 3)), [dither.at(time) for time in times]])
-    states = fault_model(nominal, [found.faults[row]]).states(commanded)[:-1]
+    states = fault_model(nominal, [result.faults[row]]).states(commanded)[:-1]
     bank, outputs = hypothesis_bank(nominal), states @ fault_model(nominal).C.T
     each_tick = nominal.period_s, 1
-    expected, from_none = distances(bank, found.faults[row], onset, outputs, commanded, each_tick)
-    nearest = np.minimum(found.distance[row], found.from_none[row]).reshape(-1, 3)
-    others = np.arange(3) != found.faults[row].actuator
+    expected, from_none = distances(bank, result.faults[row], onset, outputs, commanded, each_tick)
+    nearest = np.minimum(result.distance[row], result.from_none[row]).reshape(-1, 3)
+    others = np.arange(3) != result.faults[row].actuator
     slack = tolerance * from_none
-    # Which loss still counts as weak differs: weak and free go together.
+    # The limit between weak and free differs: compare their minimum.
     np.testing.assert_allclose(nearest[others, 0], expected[others, 0], atol=slack)
     lost = nearest[others, 1:].min(axis=1), expected[others, 1:].min(axis=1)
     np.testing.assert_allclose(*lost, atol=slack)
-    assert found.from_none[row] == pytest.approx(from_none, rel=tolerance)
+    assert result.from_none[row] == pytest.approx(from_none, rel=tolerance)
 
 
-def drawn(
+def random_phasors(
     nominal: NominalModel, dither: Dither, spread: Uncertainty, rng: np.random.Generator
 ) -> Any:
-    """Phasors of a machine with errors, shape (9, p)."""
+    """Sample a machine with errors; return its phasors, shape (9, p)."""
     n, k = nominal.actuators, nominal.plant.nstates // 2
     plant = nominal.plant
     more = spread.stiffness * rng.normal(size=(n, 1)) * nominal.displacement
@@ -181,80 +179,80 @@ def drawn(
         pytest.param(1, True, marks=pytest.mark.long),
     ],
 )
-def test_separations_with_an_uncertain_model_are_those_of_drawn_machines(seed, servo):
-    """Means and covariances of phasors of machines with random errors, and of noise; no calculus.
+def test_separations_with_an_uncertain_model_match_sampled_machines(seed, servo):
+    """Means and covariances are those of phasors of sampled machines, and of noise.
 
-    Gains, springs and damping of each machine are drawn, and its own change is taken.
+    Gains, springs and damping of each machine are sampled, and its own change is computed.
     """
     nominal, dither, T = mechanism(seed, servo=servo), random_dither(seed), 0.5
-    draws, rng = 200, np.random.default_rng(seed)
+    samples, rng = 200, np.random.default_rng(seed)
     small = Uncertainty(0.01, 0.01, 0.05, delay_s=1e-4)
     rows = [0, 1, 5, 8]
-    phasors = np.stack([drawn(nominal, dither, small, rng)[rows] for _ in range(draws)])
+    phasors = np.stack([random_phasors(nominal, dither, small, rng)[rows] for _ in range(samples)])
     values = np.concatenate([np.real(phasors), np.imag(phasors)], axis=-1)
     by_noise = 2 * nominal.period_s / T * np.eye(2)
-    found = separations(nominal, dither, T, small)
+    result = separations(nominal, dither, T, small)
     nearest = np.array([change(nominal, dither, FAULTS[row]) for row in rows])
     means = np.concatenate([np.real(nearest), np.imag(nearest)], axis=-1)
     for i, first in enumerate(rows):
         for j, second in enumerate(rows):
-            if found.faults[second].kind == "weak" or i == j:
+            if result.faults[second].kind == "weak" or i == j:
                 continue
             S = np.kron(np.eye(2), by_noise)
             S = S + (np.cov(values[:, i].T) + np.cov(values[:, j].T)) / 2
             gap = means[i] - means[j]
             expected = np.sqrt(gap @ np.linalg.solve(S, gap))
-            assert found.distance[first, second] == pytest.approx(expected, rel=0.15)
+            assert result.distance[first, second] == pytest.approx(expected, rel=0.15)
 
 
 @pytest.mark.parametrize(("servo", "tolerance"), [(False, 1e-9), (True, 0.08)])
 @seeds
 def test_an_exact_model_separates_phasors_by_their_distance_in_noise(seed, servo, tolerance):
-    """By amplitude and root of time; to the nearest loss of force, by a fine grid of losses.
+    """Distances grow with amplitude and root of time; losses of force lie on a fine grid.
 
-    None of these is nearer, or much nearer where the losses of a servo are interpolated.
+    No grid point is nearer, or much nearer if the losses of a servo are interpolated.
     """
     nominal, dither, T = mechanism(seed, servo=servo), random_dither(seed), 0.5 + seed
-    found, size = separations(nominal, dither, T), np.sqrt(T / nominal.period_s / 2)
-    assert list(found.faults) == FAULTS
-    happens = size * np.array([change(nominal, dither, fault) for fault in FAULTS])
-    np.testing.assert_allclose(found.from_none, np.linalg.norm(happens, axis=1), rtol=1e-6)
+    result, size = separations(nominal, dither, T), np.sqrt(T / nominal.period_s / 2)
+    assert list(result.faults) == FAULTS
+    signatures = size * np.array([change(nominal, dither, fault) for fault in FAULTS])
+    np.testing.assert_allclose(result.from_none, np.linalg.norm(signatures, axis=1), rtol=1e-6)
     for other in range(3):
         losses = [Fault(other, "weak", 1 - lost) for lost in np.linspace(0.01, 0.95, 95)]
         weak = size * np.array([change(nominal, dither, fault) for fault in losses])
         between = 0.51 * np.abs(np.diff(weak, axis=0)).max() * np.sqrt(2)
-        for row, own in enumerate(happens):
-            sure = np.linalg.norm(own - happens[3 * other : 3 * other + 2], axis=1)
-            np.testing.assert_allclose(found.distance[row, 3 * other : 3 * other + 2], sure)
+        for row, own in enumerate(signatures):
+            sure = np.linalg.norm(own - signatures[3 * other : 3 * other + 2], axis=1)
+            np.testing.assert_allclose(result.distance[row, 3 * other : 3 * other + 2], sure)
             grid = np.linalg.norm(own - weak, axis=1).min()
-            slack = tolerance * found.from_none[row]
-            assert grid - between - slack <= found.distance[row, 3 * other + 2] <= grid + slack
+            slack = tolerance * result.from_none[row]
+            assert grid - between - slack <= result.distance[row, 3 * other + 2] <= grid + slack
 
 
-def test_what_counts_as_alike_is_mistaken_once_in_a_thousand():
-    assert norm.cdf(-ALIKE / 2) == pytest.approx(1e-3, rel=0.01)
+def test_failures_at_the_threshold_are_confused_once_in_a_thousand():
+    assert norm.cdf(-SEPARATION_THRESHOLD / 2) == pytest.approx(1e-3, rel=0.01)
 
 
-# Motions that tell failures apart, and sensors that do.
+# Motions and sensors that separate failures.
 
 
-def test_groups_name_what_is_alike_and_a_sensor_that_ends_it():
-    """In step, twins leave the same gap; in turn, gaps of opposite sign."""
+def test_groups_are_indistinguishable_and_a_sensor_separates_them():
+    """In phase, twins have the same signature; in antiphase, signatures of opposite sign."""
     nominal, known = twins(), (1.0,)
     step = Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
-    found = separations(nominal, step, *known)
-    assert found.alike_actuators() == ((0, 1),) and found.least == 0.0
-    assert found.undetected() == tuple(Fault(2, kind, 0.5 * (kind == "weak")) for kind in KINDS)
-    # Uncoupled, each stands still when locked and when free.
-    assert not found.distance[[0, 3, 6], [1, 4, 7]].any()
+    result = separations(nominal, step, *known)
+    assert result.indistinguishable() == ((0, 1),) and result.least == 0.0
+    assert result.undetected() == tuple(Fault(2, kind, 0.5 * (kind == "weak")) for kind in KINDS)
+    # Uncoupled, each is at rest both locked and free.
+    assert not result.distance[[0, 3, 6], [1, 4, 7]].any()
     in_turn = separations(nominal, replace(step, direction=(1.0, -1.0, 1.0)), *known)
-    assert in_turn.alike_actuators() == () and found.isolable() == ()
+    assert in_turn.indistinguishable() == () and result.isolable() == ()
     assert [fault.actuator for fault in in_turn.isolable()] == [0, 0, 0, 1, 1, 1]
 
     sum_again, third, first = np.eye(1, 6)[0] + np.eye(1, 6, 1)[0], np.eye(1, 6, 2)[0], np.eye(6)[0]
     candidates = {"sum": (sum_again, 1e-5), "third": (third, 1e-5), "first": (first, 1e-5)}
     ranked = ranked_sensors(nominal, candidates, step, *known)
-    assert [each.alike for each in ranked] == [1, 1, 2]
+    assert [each.indistinguishable for each in ranked] == [1, 1, 2]
     assert {each.name for each in ranked[:2]} == {"third", "first"}
     assert ranked_sensors(nominal, {}, step, *known) == ()
 
@@ -262,7 +260,7 @@ def test_groups_name_what_is_alike_and_a_sensor_that_ends_it():
 @servos
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
 def test_one_more_sensor_is_one_more_output_and_never_lowers_a_separation(seed, servo):
-    """It can be ignored; with an uncertain model, too."""
+    """An additional sensor could be ignored, also with an uncertain model."""
     nominal, dither = mechanism(seed, servo=servo), random_dither(seed)
     known = 0.5, LOOSE
     before = separations(nominal, dither, *known)
@@ -271,18 +269,18 @@ def test_one_more_sensor_is_one_more_output_and_never_lowers_a_separation(seed, 
     for each in ranked:
         slack, (row, noise) = 1e-6 * before.distance.max(), encoders[each.name]
         C = np.vstack([nominal.plant.C, row])
-        beside = nominal.measured(C, np.append(nominal.noise, noise))
-        alone = separations(beside, dither, *known)
+        extended = nominal.measured(C, np.append(nominal.noise, noise))
+        alone = separations(extended, dither, *known)
         np.testing.assert_allclose(each.separations.distance, alone.distance, atol=slack)
         assert (each.separations.distance >= before.distance - slack).all()
         assert (each.separations.from_none >= before.from_none - slack).all()
-    order = [(each.alike, -each.separations.least) for each in ranked]
+    order = [(each.indistinguishable, -each.separations.least) for each in ranked]
     assert order == sorted(order) and len(ranked) == 3
 
 
-def spent(nominal: NominalModel, commanded: np.ndarray, hz: float) -> np.ndarray:
-    """Commands, motions of actuators and of the first output, in units of what is allowed."""
-    x = swing(nominal, hz, commanded)
+def used_fractions(nominal: NominalModel, commanded: np.ndarray, hz: float) -> np.ndarray:
+    """Return commands and motions of actuators and first output relative to their limits."""
+    x = phasor_of(nominal, hz, commanded)
     parts = commanded / 1e-3, nominal.displacement @ x / 1e-3, nominal.plant.C[:1] @ x / 1e-4
     return np.abs(np.concatenate(parts))
 
@@ -291,7 +289,7 @@ def spent(nominal: NominalModel, commanded: np.ndarray, hz: float) -> np.ndarray
 @pytest.mark.parametrize("uncertainty", [Uncertainty(), LOOSE], ids=["exact", "uncertain"])
 @pytest.mark.parametrize("seed", range(2))
 def test_no_random_dither_of_equal_cost_is_better_than_the_designed_one(seed, uncertainty, servo):
-    """And that costs what it may, and keeps the null space."""
+    """The designed dither uses its limits and lies in the null space."""
     nominal = mechanism(seed, servo=servo)
     plant, known = nominal.plant, (0.5, uncertainty)
     J = (-plant.C @ np.linalg.solve(plant.A, plant.B))[:1]  # of the first output, at rest
@@ -301,7 +299,7 @@ def test_no_random_dither_of_equal_cost_is_better_than_the_designed_one(seed, un
     u = best.dither.amplitude * np.array(best.dither.direction)
     assert np.abs(J @ u).max() < 1e-12 * np.abs(J).max()
     assert best.dither.frequency_hz in frequencies
-    used = spent(nominal, u, best.dither.frequency_hz)
+    used = used_fractions(nominal, u, best.dither.frequency_hz)
     assert used.max() == pytest.approx(1.0, rel=1e-9)
     np.testing.assert_allclose(best.displacement, 1e-3 * used[3:6], rtol=1e-6)
     np.testing.assert_allclose(best.task_motion, 1e-4 * used[6:], rtol=1e-6)
@@ -311,53 +309,53 @@ def test_no_random_dither_of_equal_cost_is_better_than_the_designed_one(seed, un
     for number in range(50):
         k = number % 2
         other = N @ rng.normal(size=N.shape[1])
-        other /= spent(nominal, other, frequencies[k]).max()
-        found = separations_at(responses, k, other)
-        reached = [each.between_actuators[best.separable] for each in (found, best.separations)]
+        other /= used_fractions(nominal, other, frequencies[k]).max()
+        result = separations_at(responses, k, other)
+        reached = [each.between_actuators[best.separable] for each in (result, best.separations)]
         assert reached[0].min() <= reached[1].min() * (1 + 1e-6)
 
 
-def test_a_task_that_leaves_no_freedom_gets_no_dither():
+def test_a_task_without_null_space_gets_no_dither():
     nominal = mechanism(0)
     cost = Cost(1e-3, np.asarray(nominal.plant.C), 1e-4)
     for none in (np.zeros((3, 0)), np.zeros((3, 3))):
-        found = designed_dither(nominal, none, [5.0], cost, 1.0)
-        assert found.dither.amplitude == 0.0 and found.separations.least == 0.0
-        assert len(found.separations.undetected()) == 9
+        result = designed_dither(nominal, none, [5.0], cost, 1.0)
+        assert result.dither.amplitude == 0.0 and result.separations.least == 0.0
+        assert len(result.separations.undetected()) == 9
 
 
-def test_for_the_hexapod_the_heave_is_found():
-    """All struts alike: by symmetry pointing stays still, and each strut has a direction."""
+def test_for_the_hexapod_the_dither_is_the_heave():
+    """By symmetry the heave does not move the pointing, and every strut has its own direction."""
     nominal, J_m = hexapod_rig().nominal, jacobian()[MAJOR]
     known, cost = (0.2, LOOSE), Cost(0.5e-6, np.asarray(nominal.plant.C), 1e-7)
-    found = designed_dither(nominal, scipy.linalg.null_space(J_m), [20.0], cost, *known)
-    np.testing.assert_allclose(found.dither.direction, HEAVE, atol=1e-3)
-    assert found.task_motion.max() < 1e-10
-    heave = separations(nominal, replace(found.dither, direction=HEAVE), *known)
-    assert found.separable.all()
-    assert found.separations.least == pytest.approx(heave.least, rel=1e-3)
+    result = designed_dither(nominal, scipy.linalg.null_space(J_m), [20.0], cost, *known)
+    np.testing.assert_allclose(result.dither.direction, HEAVE, atol=1e-3)
+    assert result.task_motion.max() < 1e-10
+    heave = separations(nominal, replace(result.dither, direction=HEAVE), *known)
+    assert result.separable.all()
+    assert result.separations.least == pytest.approx(heave.least, rel=1e-3)
 
 
-# Symmetric machines: a choice among equals does not hang on the last bits of numbers.
+# Symmetric machines: ties do not depend on round-off.
 
 
 def test_a_dither_is_the_same_however_its_freedom_is_given():
-    """Any columns that span it will do; the search begins with directions, not with coordinates."""
+    """Any spanning columns give the same dither, because the search starts from directions."""
     nominal, rng = mechanism(0, n=4), np.random.default_rng(1)
     J = rng.normal(size=(1, 4))
     P = np.eye(4) - np.linalg.pinv(J) @ J
     cost = Cost(1e-3, np.asarray(nominal.plant.C)[:1], 1e-4)
-    found = [
+    result = [
         designed_dither(nominal, P @ mix, [4.0, 16.0], cost, 0.5, LOOSE).dither
         for mix in (np.eye(4), np.eye(4) * (1 + 1e-15), rng.normal(size=(4, 4)))
     ]
-    for each in found[1:]:
-        assert each.frequency_hz == found[0].frequency_hz
-        np.testing.assert_allclose(each.direction, found[0].direction, atol=1e-6)
+    for each in result[1:]:
+        assert each.frequency_hz == result[0].frequency_hz
+        np.testing.assert_allclose(each.direction, result[0].direction, atol=1e-6)
 
 
-def test_equally_good_sensors_stay_in_the_order_in_which_they_are_named():
-    """Each is of one of the twins and of the third mass, and separates as much."""
+def test_equally_good_sensors_keep_their_order():
+    """Each sensor measures one of the twins and the third mass, with equal separations."""
     nominal, step = twins(), Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
     for seed in range(12):
         rng = np.random.default_rng(seed)
@@ -368,47 +366,49 @@ def test_equally_good_sensors_stay_in_the_order_in_which_they_are_named():
             assert [int(each.name) for each in ranked] == list(order)
 
 
-# Transients: the hexapod on its spiral, whose strut fails after 1.5 s.
+# Transients: the hexapod on its spiral with a failure after 1.5 s.
 
 ONSET = 1500
 
 
 @cache
 def dithered(ticks: int, dither: Dither = DITHER, *faults: Fault) -> tuple[np.ndarray, np.ndarray]:
-    """The loop on a part of the spiral from 6 s on."""
+    """Simulate the loop on the spiral from 6 s on; return states and commands."""
     rig = hexapod_rig()
     path = rig.control.testbed.bench.spiral_rad((ticks + 1) * rig.period_s, begin_s=6.0)
     states, commanded = linear_run(rig, path, dither, faults, ONSET)
     return states[:ticks], commanded[:ticks]
 
 
-def apart(fault: Fault, ticks: int, uncertainty: Uncertainty = CERTAIN) -> tuple[np.ndarray, float]:
-    """From each failure, and from none, after so many ticks of a failure."""
-    flown = dithered(ONSET + ticks, DITHER, fault)
-    return isolability(hexapod_rig().nominal, fault, ONSET, *flown, uncertainty)
+def distances_of(
+    fault: Fault, ticks: int, uncertainty: Uncertainty = CERTAIN
+) -> tuple[np.ndarray, float]:
+    """Return the distances from each failure and from none, `ticks` after a failure."""
+    simulate = dithered(ONSET + ticks, DITHER, fault)
+    return isolability(hexapod_rig().nominal, fault, ONSET, *simulate, uncertainty)
 
 
-def test_gauges_on_the_struts_tell_all_apart_without_a_dither():
+def test_gauges_on_the_struts_separate_all_without_a_dither():
     fault, bench = Fault(2, "free"), hexapod_rig().control.testbed.bench
     seen = nominal_model(hexapod_rig().model, bench, strut_sensors=True)
-    found, _ = isolability(seen, fault, ONSET, *dithered(ONSET + 100, STILL, fault))
-    assert np.delete(found, 2, axis=0).min() > 100
+    result, _ = isolability(seen, fault, ONSET, *dithered(ONSET + 100, STILL, fault))
+    assert np.delete(result, 2, axis=0).min() > 100
 
 
 def test_the_distance_from_no_failure_is_that_of_the_outputs():
-    """Tick by tick, in standard deviations; means over four ticks lose a few percent."""
+    """The distance is summed over ticks; means over four ticks lose some percent."""
     fault = Fault(0, "free")
     states, commanded = dithered(1700, DITHER, fault)
     healthy = fault_model(hexapod_rig().nominal)
     distance = (states - healthy.states(commanded)[:-1]) @ healthy.C.T
-    _, found = apart(fault, 200)
-    assert 0.9 < found / np.linalg.norm(distance) < 1.0
+    _, result = distances_of(fault, 200)
+    assert 0.9 < result / np.linalg.norm(distance) < 1.0
 
 
-def test_an_uncertain_model_tells_less():
+def test_an_uncertain_model_separates_less():
     fault = Fault(2, "locked")
-    sure, from_none = apart(fault, 100)
-    unsure, from_none_unsure = apart(fault, 100, TYPICAL)
+    sure, from_none = distances_of(fault, 100)
+    unsure, from_none_unsure = distances_of(fault, 100, TYPICAL)
     assert sure[2, KINDS.index("locked")] == unsure[2, KINDS.index("locked")] == 0.0
     others = np.delete(np.arange(6), 2)
     assert (unsure[others] < sure[others] + 1e-6).all()
@@ -417,8 +417,8 @@ def test_an_uncertain_model_tells_less():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_distances_are_the_same_at_twice_and_half_the_control_rate(kind):
-    """Of the same evidence: as many onsets a second, and noise of the same density."""
-    found = []
+    """The evidence is the same: equal onsets per second and equal noise density."""
+    result = []
     for period_s in (5e-4, 1e-3, 2e-3):
         plant = mechanism(1)
         density = np.sqrt(2e-3 / period_s)
@@ -431,9 +431,9 @@ def test_distances_are_the_same_at_twice_and_half_the_control_rate(kind):
         failed = after.states(commanded[onset:], after.onset @ before[-1])
         states = np.vstack([before[:-1], failed[:-1]])
         far, from_none = isolability(seen, fault, onset, states, commanded, LOOSE)
-        found.append([*np.delete(far, 1, axis=0).ravel(), from_none])
-    for other in (found[0], found[2]):
-        np.testing.assert_allclose(other, found[1], rtol=0.05)
+        result.append([*np.delete(far, 1, axis=0).ravel(), from_none])
+    for other in (result[0], result[2]):
+        np.testing.assert_allclose(other, result[1], rtol=0.05)
 
 
 @pytest.mark.parametrize(
@@ -445,10 +445,8 @@ def test_distances_are_the_same_at_twice_and_half_the_control_rate(kind):
         pytest.param(Cause("scale"), 0.0, 0.0, 1.0, 1.2, marks=pytest.mark.long),
     ],
 )
-def test_what_is_no_failure_is_far_from_every_failure(
-    cause, offset_m, drift_m_per_s, supply, scale
-):
-    """On the spiral, 0.2 s after it began, before the loops have answered: d is above 6.2."""
+def test_causes_are_far_from_every_failure(cause, offset_m, drift_m_per_s, supply, scale):
+    """On the spiral, d exceeds 6.2 within 0.2 s of the onset, before the loops react."""
     until, nominal = ONSET + 200, hexapod_rig().nominal
     since_s = ((np.arange(until) - ONSET) * nominal.period_s)[:, None]
     commanded, began = dithered(until)[1], since_s >= 0
@@ -457,5 +455,5 @@ def test_what_is_no_failure_is_far_from_every_failure(
     moved = healthy.states(np.where(began, supply, 1.0) * commanded + more)[:-1] @ healthy.C.T
     outputs = np.where(began, scale, 1.0) * moved
     period = nominal.period_s, 4
-    found, from_none = distances(bank, cause, ONSET, outputs, commanded, period, TYPICAL)
-    assert 40 < found.min() < from_none
+    result, from_none = distances(bank, cause, ONSET, outputs, commanded, period, TYPICAL)
+    assert 40 < result.min() < from_none

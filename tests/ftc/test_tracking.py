@@ -1,4 +1,4 @@
-"""Loops, handover, limits and sensors that `tracking` makes of a MuJoCo model."""
+"""Loops, limits and sensors of `tracking` for MuJoCo models."""
 
 from dataclasses import replace
 from functools import cache
@@ -54,7 +54,7 @@ def hand(sense: str) -> Tracking:
 
 
 def open_loop(track: Tracking, mapping=None, faults=()) -> control.StateSpace:
-    """The sampled plant behind its compensators."""
+    """Return the sampled plant in series with its compensators."""
     model = fault_model(track.nominal, faults)
     gain = (mapping or track.mapping(track.goal)).major_gain()
     plant = control.ss(model.A, model.B @ gain, track.nominal.plant.C, 0, PERIOD_S)
@@ -62,7 +62,7 @@ def open_loop(track: Tracking, mapping=None, faults=()) -> control.StateSpace:
 
 
 def peak(track: Tracking) -> float:
-    """Largest singular value of (I + P K)^-1 on the unit circle, matrix by matrix."""
+    """Return the largest singular value of (I + P K)^-1 on the unit circle."""
     z = np.exp(2j * np.pi * np.geomspace(0.1, 100.0, 2000) * PERIOD_S)
     L = np.moveaxis(open_loop(track)(z, squeeze=False), -1, 0)
     return float(np.linalg.norm(np.linalg.inv(np.eye(2) + L), 2, axis=(1, 2)).max())
@@ -70,42 +70,42 @@ def peak(track: Tracking) -> float:
 
 @pytest.mark.long
 def test_the_crossover_is_the_highest_with_a_sensitivity_peak_of_1_7():
-    """Below it all loops are further from instability, above it nearer than allowed."""
-    found = arm().margins[0].crossover_hz
+    """The peak is smaller below this crossover and too large above it."""
+    result = arm().margins[0].crossover_hz
     assert peak(arm()) <= LARGEST_PEAK
-    assert peak(closed("arm", (0, 1), crossover_hz=1.05 * found)) > LARGEST_PEAK
-    assert peak(closed("arm", (0, 1), crossover_hz=0.95 * found)) < LARGEST_PEAK
+    assert peak(closed("arm", (0, 1), crossover_hz=1.05 * result)) > LARGEST_PEAK
+    assert peak(closed("arm", (0, 1), crossover_hz=0.95 * result)) < LARGEST_PEAK
 
 
 def test_the_loops_stay_stable_after_each_possible_lock():
-    """Closed-loop eigenvalues; that of the locked actuator, which stands, is one."""
-    tried = 0
+    """All closed-loop eigenvalues are stable, except that of the locked actuator, which is one."""
+    tested = 0
     for k in range(7):
         lock = Fault(k, "locked")
         if not is_possible(arm().classified([lock])):
             continue
-        tried += 1
+        tested += 1
         mapping = arm().mapping(replace(SEVEN, locked_at={k: 0.0}))
         closed_loop = control.feedback(open_loop(arm(), mapping, [lock]), np.eye(2))
         assert np.abs(closed_loop.poles()).max() < 1 + 1e-9
-    assert tried >= 5
+    assert tested >= 5
 
 
 @pytest.mark.parametrize(
-    ("name", "major", "options", "said"),
-    [  # the first would be NaN, and a dither that is to lie above it, too
+    ("name", "major", "options", "message"),
+    [  # the first crossover would be NaN
         ("arm", (0, 1), {"crossover_hz": 2e-5}, "the loop of row 0 has no crossover: a motion"),
         ("hand", (3, 5), {}, "cannot do the major task"),
         ("hand", (3, 4), {"sense": "both", "noise": [1e-5] * 4}, "one positive number or 6"),
     ],
 )
-def test_what_cannot_be_tracked_is_refused_with_the_reason(name, major, options, said):
-    with pytest.raises((TaskLost, ValueError), match=said):
+def test_a_task_that_cannot_be_tracked_is_rejected_with_the_reason(name, major, options, message):
+    with pytest.raises((TaskLost, ValueError), match=message):
         closed(name, major, **options)
 
 
 def settled(mapping, demand: np.ndarray):
-    """Gauss-Newton steps until they end, within the limits; closed loops stay closed."""
+    """Iterate Gauss-Newton steps to convergence, checking limits and closed loops."""
     commanded, pose = np.zeros(mapping.actuators), mapping.nominal
     for part in np.linspace(0.1, 1.0, 10):
         for _ in range(6):
@@ -119,9 +119,9 @@ def settled(mapping, demand: np.ndarray):
 
 @pytest.mark.parametrize("locked_at", [{}, {1: 2e-3}, {4: -3e-3}])
 def test_the_steps_end_at_the_optimum_of_the_curved_problem(locked_at):
-    """Least norm of the joints that reach the position within their limits, by SLSQP.
+    """The reference is the least norm of joints that reach the position within limits, by SLSQP.
 
-    A lock off centre is in the task already: counted twice, the others would reach another place.
+    The task already contains a lock off centre, which must not be counted twice.
     """
     own, every, demand = mechanism("arm"), np.arange(7), np.array([2e-3, -4e-3, 3e-3])
     goal = replace(SEVEN, locked_at=locked_at)
@@ -149,7 +149,7 @@ def test_the_steps_end_at_the_optimum_of_the_curved_problem(locked_at):
 
 
 def test_the_posture_is_that_of_the_simulated_machine():
-    """At rest without gravity the servos stand where they are commanded."""
+    """Without gravity the servos at rest have their commanded displacements."""
     plant, own = Plant(robot("arm"), base=None), mechanism("arm")
     commanded = 1e-2 * np.array([1.0, -1.0, 0.5, 1.0, -0.5, 1.0, 0.2])
     for _ in range(400):
@@ -163,11 +163,11 @@ def test_the_posture_is_that_of_the_simulated_machine():
 
 @pytest.mark.parametrize("lock", [None, 0], ids=["healthy", "locked"])
 @pytest.mark.parametrize("sense", ["task", "joints", "both"])
-def test_the_diagnosis_sees_closed_loops_as_if_they_were_linear(sense, lock):
-    """Commands on curved loops strain linear ones, whose servos share that by their stiffness.
+def test_the_diagnosis_outputs_of_closed_loops_are_linear(sense, lock):
+    """Commands that satisfy nonlinear loops deform the servos of linear ones.
 
-    The oracle minimizes the strain energy of the four servos over the motions that the linear
-    loops allow; a locked actuator is a servo a million times as stiff.
+    The reference minimizes the strain energy of the four servos over the motions that the linear
+    loops admit; a locked actuator is a servo a million times as stiff.
     """
     track = hand(sense)
     posture = settled(track.mapping(Goal((1.0,) * 4)), np.array([2e-3, 3e-3]))[1]
@@ -182,32 +182,34 @@ def test_the_diagnosis_sees_closed_loops_as_if_they_were_linear(sense, lock):
     assert np.abs(q - linear).max() > 1e-4  # the curvature is not small
     of_task = kinematics.J[list(track.major)] @ linear
     expected = {"task": of_task, "joints": linear, "both": np.append(of_task, linear)}[sense]
-    pilot = track.supervisor()
-    assert pilot.watched is not None and (pilot.estimate is None) == (sense == "task")
+    controller = track.supervisor()
+    assert controller.diagnosis_outputs is not None and (controller.estimate is None) == (
+        sense == "task"
+    )
     task = track.model.task(posture)[list(track.major)]
-    seen = pilot.watched(Measurement(task, q), posture, faults)
+    seen = controller.diagnosis_outputs(Measurement(task, q), posture, faults)
     np.testing.assert_allclose(seen, expected, rtol=1e-5, atol=1e-8)
 
 
 def test_both_sensors_together_are_those_of_each_alone():
-    """The task is measured, not computed from the encoders, and each keeps its own noise."""
+    """The task is measured, not computed from the encoders, and each sensor has its own noise."""
     noise = np.arange(1.0, 7.0) * 1e-6
     task, joints, both = (
         closed("hand", (3, 4), crossover_hz=0.7, sense=sense, noise=part)
         for sense, part in (("task", noise[:2]), ("joints", noise[2:]), ("both", noise))
     )
-    np.testing.assert_array_equal(both.watched.noise, noise)
+    np.testing.assert_array_equal(both.diagnosis_model.noise, noise)
     np.testing.assert_array_equal(both.nominal.noise, task.nominal.noise)
-    rows = [task.watched.plant.C, joints.watched.plant.C]
-    np.testing.assert_array_equal(both.watched.plant.C, np.vstack(rows))
+    rows = [task.diagnosis_model.plant.C, joints.diagnosis_model.plant.C]
+    np.testing.assert_array_equal(both.diagnosis_model.plant.C, np.vstack(rows))
     assert (joints.nominal.noise != noise[:2]).all()
 
 
-def test_the_reference_is_demanded_at_once_unless_that_is_declined():
-    """Before any error was measured: the compensators add what is missing."""
+def test_the_reference_is_fed_forward_unless_disabled():
+    """The demand contains the reference before any error is measured."""
     reference = np.array([1e-3, -2e-3])
     assert arm().feedforward
     for feedforward in (True, False):
-        pilot = replace(arm(), feedforward=feedforward).controller(arm().goal)
-        state = pilot.step(pilot.start(), reference, Measurement(reference, np.zeros(2)))
-        np.testing.assert_allclose(state.asked.demand, feedforward * reference)
+        controller = replace(arm(), feedforward=feedforward).controller(arm().goal)
+        state = controller.step(controller.start(), reference, Measurement(reference, np.zeros(2)))
+        np.testing.assert_allclose(state.previous_command.demand, feedforward * reference)

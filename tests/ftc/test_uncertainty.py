@@ -1,4 +1,4 @@
-"""What each error of a model does to its outputs, against plants that really have that error."""
+"""Effects of model errors on the outputs, against plants with these errors."""
 
 from dataclasses import replace
 from functools import partial
@@ -17,31 +17,31 @@ machines = pytest.mark.parametrize(("seed", "servo"), [(0, False), (1, True), (2
 
 
 def struts(seed: int, servo: bool) -> Struts:
-    """Of a few hertz, a servo's stiffer than its structure."""
+    """Return struts of a few hertz, with servos stiffer than the structure."""
     rng = np.random.default_rng(seed)
-    half, held = rng.normal(size=(3, 3)), rng.uniform(200, 1000, 3)
+    half, command_gain = rng.normal(size=(3, 3)), rng.uniform(200, 1000, 3)
     return Struts(
         mass=np.eye(3) + 0.2 * half @ half.T,
         along=np.eye(3) + 0.3 * rng.normal(size=(3, 3)),
         structure=np.zeros((3, 3)),
-        held=held,
-        kp=held * servo,
-        kv=0.02 * held * servo,
-        spring=0.3 * held if servo else held,
-        damper=0.03 * held,
+        command_gain=command_gain,
+        kp=command_gain * servo,
+        kv=0.02 * command_gain * servo,
+        spring=0.3 * command_gain if servo else command_gain,
+        damper=0.03 * command_gain,
         load=rng.uniform(0.5, 2, 3) * servo,
     )
 
 
-def seen(body: Struts) -> NominalModel:
-    """Its model; the last sensor sees a mixture."""
+def measured_model(body: Struts) -> NominalModel:
+    """Return the model of a body; its last sensor measures the sum of the positions."""
     C = np.eye(3, 6)
     C[-1, :3] = 1.0
     return body.nominal().measured(C, np.full(3, 1e-3))
 
 
 def with_error(body: Struts, error: str, size: float, actuator: int) -> Struts:
-    """The machine with that error."""
+    """Return the machine with one error."""
     more = 1 + size * (np.arange(3) == actuator)
     if error == "inertia":
         return replace(body, mass=body.mass * (1 + size))
@@ -51,11 +51,11 @@ def with_error(body: Struts, error: str, size: float, actuator: int) -> Struts:
 
 
 SENT = np.cumsum(0.1 * np.random.default_rng(7).standard_normal((100, 3)), axis=0)
-"""Commands of samples, a random walk."""
+"""Commands of the samples, a random walk."""
 
 
 def predicted(nominal: NominalModel, uncertainty, fault: Fault | None, of: int) -> np.ndarray:
-    """Outputs (N, 1 + J, p) of samples of so many ticks, of the model and for each error."""
+    """Return outputs (N, 1 + J, p) of samples of `of` ticks, and their change by each error."""
     model = uncertain_model(
         partial(fault_model, nominal),
         [fault] if fault else [],
@@ -63,30 +63,30 @@ def predicted(nominal: NominalModel, uncertainty, fault: Fault | None, of: int) 
         delay_ticks=uncertainty.delay_s / nominal.period_s,
         ticks=of,
     )
-    X, before, found = np.zeros((len(model.M), len(model.A))), np.zeros(3), []
+    X, before, result = np.zeros((len(model.M), len(model.A))), np.zeros(3), []
     for u in SENT:
         Y, X = model.step(X, np.concatenate([u, before, [1.0]]))
-        found.append(Y)
+        result.append(Y)
         before = u
-    return np.array(found)
+    return np.array(result)
 
 
 @machines
 @failures
 @pytest.mark.parametrize("error", ["gain", "stiffness", "damping", "inertia"])
 def test_what_an_error_adds_is_the_difference_of_a_plant_that_has_it(seed, servo, fault, error):
-    """Another mass, spring, damper or force in Newton's equations, healthy and failed alike.
+    """The errors are in mass, spring, damper or force of healthy and failed machines.
 
-    A servo's own stiffness and damping are lost with it, the structure's stay; loads are given.
+    The stiffness and damping of a servo are lost with it, unlike those of the structure.
     """
     body = struts(seed, servo)
-    found = predicted(seen(body), replace(CERTAIN, **{error: 0.01}), fault, 4)
+    result = predicted(measured_model(body), replace(CERTAIN, **{error: 0.01}), fault, 4)
     others = [with_error(body, error, SMALL, k) for k in range(1 if error == "inertia" else 3)]
-    assert found.shape[1] == 1 + len(others)
+    assert result.shape[1] == 1 + len(others)
     for j, other in enumerate(others, 1):
-        apart = outputs(seen(other), 4, SENT, fault) - found[:, 0]
-        close = 1e-3 * np.abs(found[:, j]).max() + 1e-8 * np.abs(found[:, 0]).max()
-        np.testing.assert_allclose(found[:, j], apart * 0.01 / SMALL, atol=close)
+        difference = outputs(measured_model(other), 4, SENT, fault) - result[:, 0]
+        close = 1e-3 * np.abs(result[:, j]).max() + 1e-8 * np.abs(result[:, 0]).max()
+        np.testing.assert_allclose(result[:, j], difference * 0.01 / SMALL, atol=close)
 
 
 @machines
@@ -94,10 +94,10 @@ def test_what_an_error_adds_is_the_difference_of_a_plant_that_has_it(seed, servo
     ("fault", "of", "close"), [*((f, 1, 1e-9) for f in FAULTS), (None, 4, 0.1)]
 )
 def test_a_delay_is_felt_as_commands_that_come_a_tick_later(seed, servo, fault, of, close):
-    """In a sample of four ticks the command before holds for a quarter of it, whichever it is."""
-    nominal, sent = seen(struts(seed, servo)), np.repeat(SENT, of, axis=0)
+    """In a sample of four ticks the previous command applies for a quarter of it."""
+    nominal, sent = measured_model(struts(seed, servo)), np.repeat(SENT, of, axis=0)
     late = np.vstack([np.zeros(3), sent[:-1]])
-    found = predicted(nominal, replace(CERTAIN, delay_s=2e-3), fault, of)[:, 1]
+    result = predicted(nominal, replace(CERTAIN, delay_s=2e-3), fault, of)[:, 1]
     ticks = outputs(nominal, 1, late, fault) - outputs(nominal, 1, sent, fault)
     expected = ticks.reshape(-1, of, 3).mean(axis=1)
-    np.testing.assert_allclose(found, expected, atol=close * np.abs(expected).max())
+    np.testing.assert_allclose(result, expected, atol=close * np.abs(expected).max())

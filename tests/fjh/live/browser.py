@@ -102,7 +102,7 @@ class Seen:
         before = self.until(lambda said: said.clock_s > _LONG_S).clock_s
         self.click("New machines")
         self.until(lambda said: said.clock_s < before)
-        return self.until(lambda said: said.supervised == "All actuators are believed sound.")
+        return self.until(lambda said: said.supervised == "All actuators are assumed healthy.")
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from tests.processes import ended
 pytestmark = [pytest.mark.long, pytest.mark.usefixtures("alone")]
 KINDS = {"weak": "weak", "lock": "locked", "free": "free"}
 """Each of new machines: one kind after another of the same strut is not always told apart."""
-SOUND = "All actuators are believed sound"
+SOUND = "All actuators are assumed healthy"
 
 
 @pytest.fixture(scope="module")

@@ -116,7 +116,7 @@ def test_occasional_missing_readings_cost_little_and_raise_no_alarm(what):
         assert abs(rms(run) - rms(healthy)) < rig("hexapod").noise
     else:
         assert rms(run) < 1.2 * rms(healthy)
-    assert not run.state.watch.alarm_ticks and not run.diagnoses
+    assert not run.state.monitor_state.alarm_ticks and not run.diagnoses
     sensors = run.state.sensors.task
     assert sensors.missing + sensors.repeated > 0 and sensors.usable
     assert sensors.losses == (what == "50 ms")
