@@ -11,16 +11,16 @@ from scipy.stats import mannwhitneyu
 
 from fjh.result_frames import is_table, runs_of
 from fjh.study.errors import WrongInput
-from fjh.study.foreign import read_json
+from fjh.study.untrusted_files import read_json
 
-REPEATED, ANOTHER_DRAW, OF_LARGEST, LEVEL = 1e-6, 0.05, 0.01, 0.01
+REPEATED, RESAMPLED, OF_LARGEST, LEVEL = 1e-6, 0.05, 0.01, 0.01
 """What noise is, see :func:`compare`."""
 SMALLEST, LARGEST, SENTENCE = 1e-9, 1e9, 40
 """Smaller numbers are round-off, larger ones its reciprocals; longer words are sentences."""
 ORIGIN = {"versions", "model_sha256", "machine", "basis", "took"}
 SETTINGS = {"seed", "duration_s", "configuration", "jacobian", "bench", "rules", "dither", "robot"}
 """Settings of results that do not list theirs."""
-DRAWN_FROM = {"flights", "events", "design", "seed"}
+SAMPLING_KEYS = {"flights", "events", "design", "seed"}
 """What rows of a dataset are drawn from, of its basis."""
 NOT_COMPARED = {"experiment", "files", "dataset", "recording", "data", "checks", "settings"}
 ABSENT, PRINTED = "absent", 15
@@ -95,7 +95,7 @@ def compare(a: Path | str, b: Path | str) -> Comparison:
     settings = {*one.get("settings", SETTINGS), *other.get("settings", SETTINGS)} - ORIGIN
     is_about = top.isin(settings | ORIGIN) | (name == "seed")
     is_absent = found.a.eq(ABSENT) | found.b.eq(ABSENT)
-    is_draw = top.isin(settings) | (top.eq("basis") & inner.isin(DRAWN_FROM))
+    is_draw = top.isin(settings) | (top.eq("basis") & inner.isin(SAMPLING_KEYS))
     # A setting that only one version has is no other draw.
     drawn = bool((is_draw & found.change.gt(0) & ~is_absent).any())
     has_bounds = found.disjoint.notna() & drawn
@@ -108,7 +108,7 @@ def compare(a: Path | str, b: Path | str) -> Comparison:
         largest = size.where(compared, 0.0).groupby(name).transform("max")
         moved = found.change.replace(np.inf, 1.0) * size
         is_word = found.change == np.inf
-        beyond = (found.change > ANOTHER_DRAW) & ((moved >= OF_LARGEST * largest) | is_word)
+        beyond = (found.change > RESAMPLED) & ((moved >= OF_LARGEST * largest) | is_word)
     apart = found.disjoint.eq(True) & found.change.gt(0)
     changed = found[compared & apart.where(has_bounds, beyond)]
     count = int(compared.sum())
@@ -146,7 +146,7 @@ def _pairs(a: Any, b: Any, path: tuple[str, ...], disjoint: bool | None = None) 
     if not (isinstance(a, dict) and isinstance(b, dict)):
         yield path, a, b, disjoint
         return
-    apart, bounds = _apart(a, b)
+    apart, bounds = _disjoint_ranges(a, b)
     for key in dict.fromkeys((*a, *b)):
         if key not in NOT_COMPARED | bounds:
             whose = next((each for each in apart if key in (f"{each}rate", f"{each}count")), "")
@@ -165,7 +165,7 @@ def _labelled(a: list[dict[str, Any]], b: list[dict[str, Any]]) -> list[dict[str
     return [{str(k): row for k, row in enumerate(one)} for one in (a, b)]
 
 
-def _apart(a: dict[str, Any], b: dict[str, Any]) -> tuple[dict[str, bool], set[str]]:
+def _disjoint_ranges(a: dict[str, Any], b: dict[str, Any]) -> tuple[dict[str, bool], set[str]]:
     """Whether the ranges that two entries state have nothing in common; and the keys of these.
 
     A range is that of `NAME_rate` and `NAME_count`, by what its keys begin with, or of all.

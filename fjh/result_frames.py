@@ -9,7 +9,7 @@ import pandas as pd
 
 from fjh.recording.properties import properties_of
 from fjh.study.errors import WrongInput
-from fjh.study.foreign import read_json
+from fjh.study.untrusted_files import read_json
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLACK, BLUE, GREEN, PURPLE, VERMILION
 from fjh.study.plotting import PAGE_IN, new_figure, one_legend
 from fjh.study.provenance import version_properties, versions
-from fjh.study.result import Check, Picture, Result, Shown, check
+from fjh.study.result import Check, Picture, Result, TableView, check
 from ftc import deciding_sentence, is_possible
 from ftc.fdi import Fault
 from sim import CLOSURE_TOLERANCE, Array, Failure, SimulationDiverged
@@ -43,7 +43,7 @@ NONE: list[Any] = []
 """Nothing happens."""
 
 
-class Flown(NamedTuple):
+class TrackedRuns(NamedTuple):
     """One path with the same failures, events and noise, flown by several controllers."""
 
     rig: Rig
@@ -132,7 +132,7 @@ def track(
             raise WrongInput(f"{flag} must be {end}, got {late[0]:g} s")
     rig = rig_of(model, robot)
     desired = rig.path(path, duration_s=scale * duration, turn_s=turn)
-    announced, events, failures = happening(rig, failed, other_events, scale, seed)
+    announced, events, failures = scheduled(rig, failed, other_events, scale, seed)
     reach.check_reach(rig, desired)
     for warning in rig.warnings:
         notice(warning)
@@ -165,7 +165,7 @@ def track(
     learnt, predict = reach.learnt_s(rig, run, failures), reach.predictor(rig, run, moving)
     predicted = predict(told=told)
     comparable = predict(told=learnt) if failures and not events else predicted
-    flown = Flown(rig, run, undiagnosed, other, list(met.sentences), predicted, comparable)
+    flown = TrackedRuns(rig, run, undiagnosed, other, list(met.sentences), predicted, comparable)
     faults = [Fault.of(failure) for failure in run.failures]
     reports = [rig.classified(faults[:count]) for count in range(1, len(faults) + 1)]
     settings = {"seed": seed, "diagnosis": diagnosis, "controller": controller}
@@ -215,7 +215,7 @@ def parsed(flag: str, kind: Any, given: Sequence[Any]) -> list[Any]:
         raise WrongInput(f"{flag} {str(error).removeprefix('text ')}") from None
 
 
-def happening(
+def scheduled(
     rig: Rig, fail: Sequence[Failure], event: Sequence[Event], scale: float, seed: int
 ) -> tuple[list[Failure], list[Event], list[Failure]]:
     """Failures and events at so much of their times, in order; and all failures, also of events.
@@ -237,7 +237,7 @@ def happening(
     return announced, events, sorted(every, key=lambda one: one.time_s)
 
 
-def settings_of(flown: Flown) -> dict[str, Any]:
+def settings_of(flown: TrackedRuns) -> dict[str, Any]:
     """The robot, its loops and sensors, and what happened to it."""
     rig, run = flown.rig, flown.run
     as_they_are = "model_sha256 actuators bodies major feedforward encoder_noise warnings left_out"
@@ -259,7 +259,7 @@ def settings_of(flown: Flown) -> dict[str, Any]:
     }
 
 
-def rows_of(flown: Flown) -> pd.DataFrame:
+def rows_of(flown: TrackedRuns) -> pd.DataFrame:
     """A row for each major row: RMS errors in its unit, and the margins of its loop.
 
     Before and after the first failure or event; missing where nothing was flown or predicted.
@@ -289,7 +289,7 @@ def rows_of(flown: Flown) -> pd.DataFrame:
     return pd.DataFrame(names | columns).replace([np.inf, -np.inf], np.nan)
 
 
-def agreement(flown: Flown, rows: pd.DataFrame) -> dict[str, Any]:
+def agreement(flown: TrackedRuns, rows: pd.DataFrame) -> dict[str, Any]:
     """Errors by row, and those of all rows over the linear model's, where both are compared."""
     rig, run, found = flown.rig, flown.run, dict[str, Any]()
     for key, column in rows.filter(regex="^(predicted_)?rms_").items():
@@ -308,7 +308,9 @@ def agreement(flown: Flown, rows: pd.DataFrame) -> dict[str, Any]:
     return found | {"uncompared": other, "met": [*flown.met, *filter(None, [beyond])]}
 
 
-def happened(flown: Flown, reports: Sequence[Any], found: Sequence[Any]) -> list[pd.DataFrame]:
+def happened(
+    flown: TrackedRuns, reports: Sequence[Any], found: Sequence[Any]
+) -> list[pd.DataFrame]:
     """Failures and events, one that is both once; and diagnoses; each in the order of time."""
     stated, left, named = stated_of(flown.rig, flown.run), dict[str, str](), list[Any]()
     for failure, report in zip(flown.run.failures, reports, strict=True):
@@ -370,7 +372,7 @@ ERRORS = {
 }
 
 
-def shown(rows: pd.DataFrame, log: pd.DataFrame, found: Mapping[str, Any]) -> list[Shown]:
+def shown(rows: pd.DataFrame, log: pd.DataFrame, found: Mapping[str, Any]) -> list[TableView]:
     """The errors by major row with their units; and what happened and was diagnosed."""
     cells = {
         name: [said(value, unit) for value, unit in zip(rows[key], rows.unit, strict=True)]
@@ -385,8 +387,8 @@ def shown(rows: pd.DataFrame, log: pd.DataFrame, found: Mapping[str, Any]) -> li
     if outside := [*found["warnings"], *found["met"]]:
         legend += f" Not in the linear model: {'; '.join(outside)}."
     errors = pd.DataFrame({"row": rows["name"]} | cells)
-    tables = [Shown(found["robot"], errors, " ".join(errors), legend)]
-    return tables + [Shown("What happened", log, "time_s:.3f what meaning")] * (len(log) > 0)
+    tables = [TableView(found["robot"], errors, " ".join(errors), legend)]
+    return tables + [TableView("What happened", log, "time_s:.3f what meaning")] * (len(log) > 0)
 
 
 ALT = "Desired and true path, error over time, displacement of each actuator, failed ones red."
@@ -397,7 +399,7 @@ MARKS = {
 }
 
 
-def figure(flown: Flown, found: Mapping[str, Any]) -> Figure:
+def figure(flown: TrackedRuns, found: Mapping[str, Any]) -> Figure:
     """Path, errors of each unit, actuators."""
     run, units = flown.run, list(dict.fromkeys(found["units"]))
     heights = [1.5] * len(units) + [0.4 + 0.2 * len(flown.rig.actuators)]
@@ -420,7 +422,7 @@ def figure(flown: Flown, found: Mapping[str, Any]) -> Figure:
     return drawn
 
 
-def path_panel(axes: Axes, flown: Flown, found: Mapping[str, Any]) -> None:
+def path_panel(axes: Axes, flown: TrackedRuns, found: Mapping[str, Any]) -> None:
     """The first two major rows, or the only one over time."""
     run, names = flown.run, [ROWS[row] for row in flown.rig.major]
     factor, prefix = prefixed(float(np.abs(run.desired).max()))
@@ -446,7 +448,7 @@ def path_panel(axes: Axes, flown: Flown, found: Mapping[str, Any]) -> None:
         axes.set_aspect("equal", adjustable="datalim")
 
 
-def error_panel(axes: Axes, flown: Flown, rows: Array, unit: str) -> None:
+def error_panel(axes: Axes, flown: TrackedRuns, rows: Array, unit: str) -> None:
     """Size of desired minus true, of the major rows of one unit together."""
     flights = [(flown.run, BLUE)]
     if flown.other is not None:
@@ -460,7 +462,7 @@ def error_panel(axes: Axes, flown: Flown, rows: Array, unit: str) -> None:
     axes.tick_params(labelbottom=False)
 
 
-def actuator_panel(axes: Axes, flown: Flown, broken: set[str | None]) -> None:
+def actuator_panel(axes: Axes, flown: TrackedRuns, broken: set[str | None]) -> None:
     """A row for each, from its place at the start; all of one unit on the same scale."""
     run, names, units = flown.run, flown.rig.actuators, np.array(flown.rig.units)
     spans = {u: 2 * np.abs(run.displacement[:, units == u]).max() for u in dict.fromkeys(units)}
@@ -474,17 +476,17 @@ def actuator_panel(axes: Axes, flown: Flown, broken: set[str | None]) -> None:
     axes.invert_yaxis()
 
 
-def record(flown: Flown, found: Mapping[str, Any], folder: Path) -> None:
+def record(flown: TrackedRuns, found: Mapping[str, Any], folder: Path) -> None:
     """Write `track.rrd`: the run, and beside it that of another controller."""
     rig, sizes = flown.rig, ("seed", "control_period_s", "path_size", "sensor_noise")
     about = About(
         study="track",
         identity=f"track-{rig.title}-seed{found['seed']}",
-        said=[f"- {found['verdict']}"],
+        notes=[f"- {found['verdict']}"],
         parameters={key: found[key] for key in sizes} | version_properties(dict(found)),
         predicted=(found["predicted_rms_before"], found["predicted_rms_after_when_named"]),
         checks=checks(found),
-        verdict=found["verdict"],
+        summary=found["verdict"],
     )
     runs = {rig.title: view_of(rig, flown.run)}
     if flown.other is not None:

@@ -10,7 +10,7 @@ from fjh.study.interrupts import raise_on_interrupt
 from fjh.study.option import OnProgress
 
 if TYPE_CHECKING:
-    from fjh.study.result import Shown
+    from fjh.study.result import TableView
 
 
 @contextmanager

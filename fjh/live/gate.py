@@ -60,7 +60,7 @@ def guarded(server: viser.ViserServer, started: list[bool]) -> Callable[..., Any
 
         def answer(connection: ServerConnection, request: Request) -> Response | None:
             port = connection.local_address[1]
-            if not is_own(request.headers, port):
+            if not is_same_origin(request.headers, port):
                 return connection.respond(403, f"Only the page at http://127.0.0.1:{port} may.\n")
             return process_request(connection, request)
 
@@ -71,7 +71,7 @@ def guarded(server: viser.ViserServer, started: list[bool]) -> Callable[..., Any
     return start
 
 
-def is_own(headers: Headers, port: int) -> bool:
+def is_same_origin(headers: Headers, port: int) -> bool:
     """Whether a request is to the page that is served at a port, and a WebSocket from that page."""
     end = "" if port == 80 else f":{port}"
     hosts, origins = headers.get_all("Host"), headers.get_all("Origin")

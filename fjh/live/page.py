@@ -14,8 +14,8 @@ import viser
 import websockets.asyncio.server
 
 from fjh.live.gate import guarded
-from fjh.live.kept import keep
 from fjh.live.panel import Panel
+from fjh.live.save import save_recording
 from fjh.live.session import LONGEST_S, Session
 from fjh.live.stage import FRAME_S, Stage
 from fjh.rig import Rig
@@ -24,7 +24,7 @@ from sim import ModelError, SimulationDiverged
 
 HOST = "127.0.0.1"
 PORT = 8080
-_SAID_EVERY = 5
+_TEXT_EVERY = 5
 """Frames between words, which nobody reads faster."""
 _BEHIND_S = 0.1
 """Time that a slow machine may be short of; what is more is not made up for."""
@@ -83,15 +83,15 @@ class Page:
         server.gui.set_panel_label(f"fjh live: {rig.title}")
         self._panel = Panel(server, self.session, self._stage, self._do, self._save)
         self._paces = deque([(time.perf_counter(), 0.0)], maxlen=round(1 / FRAME_S))
-        self._flown_s, self._frame, self._server = 0.0, 0, server
+        self._simulated_s, self._frame, self._server = 0.0, 0, server
 
     def run(self) -> None:
         """Until it is interrupted."""
-        last, owed_s = time.perf_counter(), 0.0
+        last, behind_s = time.perf_counter(), 0.0
         while True:
             now = time.perf_counter()
-            owed_s, last = min(owed_s + now - last, _BEHIND_S), now
-            owed_s -= self.advance(owed_s, now + FRAME_S)
+            behind_s, last = min(behind_s + now - last, _BEHIND_S), now
+            behind_s -= self.advance(behind_s, now + FRAME_S)
             self.show()
             time.sleep(max(0.0, now + FRAME_S - time.perf_counter()))
 
@@ -108,7 +108,7 @@ class Page:
             done += more or self._replace(f"{LONGEST_S / 60:g} minutes are over")
         self._click()
         self._panel.add_errors(min(done, session.tick))
-        self._flown_s += done * period_s
+        self._simulated_s += done * period_s
         return done * period_s
 
     def _replace(self, why: str) -> int:
@@ -129,14 +129,14 @@ class Page:
 
     def show(self) -> None:
         """One frame."""
-        begin, flown_s = self._paces[0]
+        begin, simulated_s = self._paces[0]
         now = time.perf_counter()
-        self._paces.append((now, self._flown_s))
+        self._paces.append((now, self._simulated_s))
         with self._server.atomic():
             self._stage.show()
-            if self._frame % _SAID_EVERY == 0:
-                self._panel.show((self._flown_s - flown_s) / max(now - begin, 1e-6))
+            if self._frame % _TEXT_EVERY == 0:
+                self._panel.show((self._simulated_s - simulated_s) / max(now - begin, 1e-6))
         self._frame += 1
 
     def _save(self) -> None:
-        self._panel.said = keep(self._folder, self.session)
+        self._panel.said = save_recording(self._folder, self.session)

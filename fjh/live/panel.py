@@ -8,9 +8,9 @@ import numpy as np
 import viser
 from viser.uplot import Legend, Series
 
-from fjh.live.course import COURSES
-from fjh.live.flight import Kind
 from fjh.live.gate import NOW
+from fjh.live.live_run import Kind
+from fjh.live.reference_path import PATHS
 from fjh.live.session import Session
 from fjh.live.stage import COLORS, NAMES, Stage
 from fjh.rig.events import EVENTS
@@ -81,7 +81,7 @@ class Panel:
         with gui.add_folder("Controller"):
             box = gui.add_checkbox("Diagnosis", True)
             box.on_update(lambda event: self._do(session.diagnose, event.target.value))
-            path = gui.add_dropdown("Path", COURSES)
+            path = gui.add_dropdown("Path", PATHS)
             path.on_update(lambda event: self._do(session.follow, event.target.value))
         given = np.clip(session.goal.joint_weight or np.ones(len(names)), *_WEIGHTS)
         with gui.add_folder("Weights: what a motion costs", expand_by_default=False):
@@ -120,7 +120,7 @@ class Panel:
     def _rms(self, ticks: int) -> list[Array]:
         now = self._session.tick
         late = slice(max(0, now - ticks), now)
-        return [rms(flight.error(late)) for flight in self._session.flights]
+        return [rms(flight.error(late)) for flight in self._session.runs]
 
     def show(self, real_time_factor: float) -> None:
         """What is so now."""
@@ -137,7 +137,7 @@ class Panel:
             f"<b style='color:{color}'>{name}</b> {norms_said(error, rig.row_units)} RMS<br>"
             f"{escape(flight.belief)}"
             for name, color, error, flight in zip(
-                NAMES, COLORS, self._rms(second), session.flights, strict=True
+                NAMES, COLORS, self._rms(second), session.runs, strict=True
             )
         ]
         head = f"{session.tick * rig.period_s:.1f} s, {real_time_factor:.2f} of real time"

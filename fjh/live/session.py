@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from fjh.live.course import COURSES, course
-from fjh.live.flight import Flight, Kind
+from fjh.live.live_run import Kind, LiveRun
+from fjh.live.reference_path import PATHS, course
 from fjh.rig import Rig, Run
 from fjh.rig.run import SOUND
 from ftc import Supervisor, SupervisorState
 
 LONGEST_S = 300.0
 """Of a flight: its machine then is replaced. That of two hexapods logs 0.4 GB."""
-KEPT_S = 60.0
+SAVED_S = 60.0
 
 
 class Session:
@@ -36,26 +36,26 @@ class Session:
         self.rig, self._seed, self.goal = rig, seed, rig.goal
         self._supervisor, self.diagnoses = rig.supervisor(), True
         self._learned: Supervisor | None = None
-        self.restart(COURSES[0])
+        self.restart(PATHS[0])
 
     def restart(self, path: str | None = None) -> None:
         """Sound machines after one tick at rest; goal, diagnosis and, if None, path stay."""
         rig, ticks = self.rig, round(LONGEST_S / self.rig.period_s)
-        pilot = self._supervisor if self.diagnoses else self._unaware
-        self.flights = [Flight(rig, each, ticks, self._seed) for each in (pilot, self._unaware)]
+        pilot = self._supervisor if self.diagnoses else self._fault_unaware
+        self.runs = [LiveRun(rig, each, ticks, self._seed) for each in (pilot, self._fault_unaware)]
         self.states: list[Kind] = [SOUND] * len(rig.actuators)
         self.going_on = set[str]()
         self.course, self._since = course(rig, path or self.course.name), 0
         self.advance(1)
 
     @property
-    def _unaware(self) -> Any:
+    def _fault_unaware(self) -> Any:
         return self.rig.controller(self.goal)
 
     @property
     def tick(self) -> int:
         """So many are done."""
-        return self.flights[0].tick
+        return self.runs[0].tick
 
     def advance(self, ticks: int) -> int:
         """As many ticks, or until the flights have ended; how many were done.
@@ -63,10 +63,10 @@ class Session:
         Raises:
             sim.SimulationDiverged: The physics left the finite numbers.
         """
-        ticks = min(ticks, self.flights[0].left)
+        ticks = min(ticks, self.runs[0].left)
         desired, demands = self.course.at(self.tick - self._since + np.arange(ticks))
         for k in range(ticks):
-            for flight in self.flights:
+            for flight in self.runs:
                 flight.step(desired[k], None if demands is None else demands[k])
         return ticks
 
@@ -82,7 +82,7 @@ class Session:
         steps: tuple[Kind, ...] = (SOUND, kind)
         for each in steps:
             if each != self.states[actuator]:
-                for flight in self.flights:
+                for flight in self.runs:
                     flight.make(actuator, each)
                 self.states[actuator] = each
 
@@ -93,7 +93,7 @@ class Session:
         self._learn()
         if on is not None:
             self.going_on ^= {name}
-        for flight in self.flights:
+        for flight in self.runs:
             (flight.end if on is False else flight.begin)(name)
 
     def follow(self, name: str) -> None:
@@ -107,17 +107,17 @@ class Session:
             return  # a slider says the same several times
         self.goal = replace(self.goal, joint_weight=weights)
         self._supervisor = self.rig.supervisor(goal=self.goal)
-        self.flights[0].hand_over(self._supervised if self.diagnoses else self._unaware)
-        self.flights[1].hand_over(self._unaware)
+        self.runs[0].switch_controller(self._supervised if self.diagnoses else self._fault_unaware)
+        self.runs[1].switch_controller(self._fault_unaware)
 
     def diagnose(self, on: bool) -> None:
         """Look for failures from now on, or go on with what is known."""
         self._learn()
-        self.diagnoses, first = on, self.flights[0]
+        self.diagnoses, first = on, self.runs[0]
         if on:
-            first.hand_over(self._supervised)
+            first.switch_controller(self._supervised)
         elif isinstance(state := first.state, SupervisorState):
-            first.hand_over(state.current, state.controller)
+            first.switch_controller(state.current, state.controller)
 
     @property
     def _supervised(self) -> Supervisor:
@@ -128,12 +128,12 @@ class Session:
 
     def _learn(self) -> None:
         """Keep what was learned before anything happened."""
-        state = self.flights[0].state
+        state = self.runs[0].state
         if self._learned is None and isinstance(state, SupervisorState):
             with suppress(ValueError):  # not long enough, or there was a failure
                 self._learned = self._supervisor.calibrated(state)
 
     def last_minute(self) -> tuple[Run, Run]:
         """What happened to both of late."""
-        first = max(0, self.tick - round(KEPT_S / self.rig.period_s))
-        return self.flights[0].run(first), self.flights[1].run(first)
+        first = max(0, self.tick - round(SAVED_S / self.rig.period_s))
+        return self.runs[0].run(first), self.runs[1].run(first)

@@ -22,7 +22,7 @@ from sim import Array
 
 NAMES = ("supervised", "not supervised")
 COLORS = (BLUE, VERMILION)
-_APART, _DISTANCE, _HIGHER, _POINTER = 1.2, 1.75, 0.1, 0.6
+_SPACING, _DISTANCE, _HIGHER, _POINTER = 1.2, 1.75, 0.1, 0.6
 """In extents of the machine."""
 _TURN_RAD, _SHIFT = 0.2, 0.06
 """Of a magnified path: its radius, or that in extents of the machine."""
@@ -30,7 +30,7 @@ _DOWN = -0.95, -0.5
 _TRAIL = 100
 _GREY = "#777777"
 FRAME_S = 0.04
-_DRAWN_GROUPS = 3
+_VISIBLE_GROUPS = 3
 """The first groups of geoms are what MuJoCo's viewer shows."""
 
 
@@ -43,7 +43,7 @@ class Stage:
 
     def __init__(self, server: viser.ViserServer, session: Session) -> None:
         """Draw them at rest, next to each other as the eye that the MJCF states sees them."""
-        self._session, rig, flight = session, session.rig, session.flights[0]
+        self._session, rig, flight = session, session.rig, session.runs[0]
         model, extent = rig.model, float(rig.model.stat.extent)
         seen = _TURN_RAD if "rad" in rig.row_units else _SHIFT * extent
         self.factor = int(round_down(max(1.0, seen / rig.size)))
@@ -52,7 +52,7 @@ class Stage:
         right /= np.linalg.norm(right)
         self._pointer = Pointer(rig, *flight.frame)
         self._actors = [
-            Actor(server.scene, rig, name, side * _APART / 2 * extent * right, color)
+            Actor(server.scene, rig, name, side * _SPACING / 2 * extent * right, color)
             for name, side, color in zip(NAMES, (-1, 1), COLORS, strict=True)
         ]
         self._moves = mover(model, rig.file is None, flight.seen(slice(0, 1))[1][0])
@@ -73,7 +73,7 @@ class Stage:
         session = self._session
         every = max(1, round(FRAME_S / session.rig.period_s))
         path = self._pointer.at(session.course.outline, self.factor)
-        for actor, flight in zip(self._actors, session.flights, strict=True):
+        for actor, flight in zip(self._actors, session.runs, strict=True):
             last = flight.tick - 1
             task, qpos, _ = flight.seen(slice(last, last + 1))
             actor.move(self._moves(task, qpos, self.factor))
@@ -123,7 +123,9 @@ class Actor:
         self._sound, self._failed = dict[int, viser.GlbHandle](), dict[int, viser.MeshHandle]()
         for body in range(model.nbody):
             first = model.body_geomadr[body]
-            geoms = [k for k in range(first, first + model.body_geomnum[body]) if _drawn(model, k)]
+            geoms = [
+                k for k in range(first, first + model.body_geomnum[body]) if _is_visible(model, k)
+            ]
             if not geoms:
                 continue
             mesh, under = merge_geoms(model, geoms), f"{root}/bodies/{body}"
@@ -166,7 +168,7 @@ class Actor:
             self._sound[body].visible = body not in bad
 
 
-def _drawn(model: mujoco.MjModel, geom: int) -> bool:
+def _is_visible(model: mujoco.MjModel, geom: int) -> bool:
     without_end = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
     group = model.geom_group[geom]
-    return not without_end and group < _DRAWN_GROUPS and model.geom_rgba[geom, 3] > 0
+    return not without_end and group < _VISIBLE_GROUPS and model.geom_rgba[geom, 3] > 0

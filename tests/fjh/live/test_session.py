@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from fjh.live import session as sessions
-from fjh.live.course import COURSES
-from fjh.live.flight import Kind
+from fjh.live.live_run import Kind
 from fjh.live.panel import LASTING
+from fjh.live.reference_path import PATHS
 from fjh.live.session import Session
 from fjh.rig.run import SOUND
 from tests.fjh.rigs import rig
@@ -27,12 +27,12 @@ def session() -> Session:
 
 def said(session: Session) -> str:
     """What the supervised pilot believes."""
-    return session.flights[0].belief
+    return session.runs[0].belief
 
 
 def inputs(session: Session) -> np.ndarray:
     """Of both flights now, (2, n)."""
-    return np.array([flight.state.inputs for flight in session.flights])
+    return np.array([flight.state.inputs for flight in session.runs])
 
 
 def test_every_actuator_of_both_machines_can_be_of_every_kind(session):
@@ -44,7 +44,7 @@ def test_every_actuator_of_both_machines_can_be_of_every_kind(session):
             assert session.states[actuator] == kind
         session.advance(1)
     assert session.states == [KINDS[1]] * 6
-    for flight in session.flights:
+    for flight in session.runs:
         struck = [(k, kind) for _, k, kind in flight.changes if kind != SOUND]
         assert struck == [(k, kind) for k in range(6) for kind in (*KINDS[:0:-1], KINDS[1])]
         plant = flight._bench.plant
@@ -63,7 +63,7 @@ def test_what_is_undone_between_two_ticks_leaves_no_trace(session):
             assert session.going_on == ({name} if on else set())
     for each in (session, calm):
         each.advance(20)
-    for ours, theirs in zip(session.flights, calm.flights, strict=True):
+    for ours, theirs in zip(session.runs, calm.runs, strict=True):
         np.testing.assert_array_equal(ours.run(0).qpos, theirs.run(0).qpos)
     for name in (*LASTING, "bump"):
         begin = session.tick
@@ -72,7 +72,7 @@ def test_what_is_undone_between_two_ticks_leaves_no_trace(session):
         for each in (session, calm):
             each.advance(20)
         session.disturb(name, False)
-        for ours, theirs in zip(session.flights, calm.flights, strict=True):
+        for ours, theirs in zip(session.runs, calm.runs, strict=True):
             assert (ours.run(begin).measured != theirs.run(begin).measured).any(), name
 
 
@@ -93,7 +93,7 @@ def test_weights_change_without_a_step_of_the_inputs(session):
 
 def test_new_machines_are_sound_and_fly_the_same_flight_bit_for_bit(session):
     session.advance(60)
-    first = [flight.run(0) for flight in session.flights]
+    first = [flight.run(0) for flight in session.runs]
     session.make(2, "free")
     session.disturb("hum", True)
     session.follow("steps")
@@ -102,21 +102,21 @@ def test_new_machines_are_sound_and_fly_the_same_flight_bit_for_bit(session):
     session.restart()
     assert session.tick == 1 and session.states == [SOUND] * 6 and session.going_on == set()
     session.advance(60)
-    for run, flight in zip(first, session.flights, strict=True):
+    for run, flight in zip(first, session.runs, strict=True):
         again = flight.run(0)
         for name in ("qpos", "inputs", "measured", "desired"):
             np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
         assert again.failures == () and again.events == ()
 
 
-@pytest.mark.parametrize("name", COURSES)
+@pytest.mark.parametrize("name", PATHS)
 def test_another_path_is_followed_by_both_and_by_new_machines(session, name):
     session.advance(30)
     session.follow(name)
     begin = session.tick
     session.advance(20)
     wanted, _ = session.course.at(np.arange(20))
-    for flight in session.flights:
+    for flight in session.runs:
         np.testing.assert_array_equal(flight.desired[begin : begin + 20], wanted)
     session.restart()
     assert session.course.name == name and not session.course.desired[0].any()
@@ -141,7 +141,7 @@ def test_a_flight_that_has_ended_does_no_more_ticks(monkeypatch):
     monkeypatch.setattr(sessions, "LONGEST_S", 0.05)
     session = Session(rig("hexapod"))
     assert [session.advance(30) for _ in range(3)] == [30, 19, 0]
-    assert session.tick == 50 and not any(flight.left for flight in session.flights)
+    assert session.tick == 50 and not any(flight.left for flight in session.runs)
     session.restart()
     assert session.advance(10) == 10
 

@@ -3,15 +3,15 @@
 import mujoco
 import numpy as np
 
-from fjh.live.flight import Flight
+from fjh.live.live_run import LiveRun
 from fjh.live.stage import Pointer
 from fjh.rig import Rig
 from tests.fjh.rigs import rig
 
 
-def flown(one: Rig, ticks: int) -> tuple[Flight, np.ndarray, np.ndarray]:
+def flown(one: Rig, ticks: int) -> tuple[LiveRun, np.ndarray, np.ndarray]:
     """Along the first major row, a tenth of the path's size; and where MuJoCo then has the site."""
-    flight = Flight(one, one.controller(), ticks, 0)
+    flight = LiveRun(one, one.controller(), ticks, 0)
     ahead = 0.1 * one.size * np.eye(len(one.major))[0]
     for _ in range(ticks):
         flight.step(ahead, None)

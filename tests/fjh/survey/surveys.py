@@ -9,8 +9,8 @@ import pandas as pd
 
 from fjh.rig.examined import Examined
 from fjh.rig.options import RobotOptions, rows_of
-from fjh.survey.conditions import Survey, condition_frame, surveyed
-from fjh.survey.subject import matrix_subject, robot_subject
+from fjh.survey.conditions import Survey, condition_frame, survey_system
+from fjh.survey.system import matrix_system, robot_system
 
 
 @cache
@@ -26,13 +26,13 @@ def of_robot(
     major: str = "0,1",
 ) -> Survey:
     options = RobotOptions(site=site, axes=axes, major=rows_of("major", major))
-    subject = robot_subject(file, options, lower, upper)
-    return surveyed(subject, postures, seed, lambda done, total: None)
+    system = robot_system(file, options, lower, upper)
+    return survey_system(system, postures, seed, lambda done, total: None)
 
 
 def of_matrix(file: Path, **given: str | None) -> Survey:
     asked = dict.fromkeys(("lower", "upper", "major", "hold")) | given
-    return surveyed(matrix_subject(file, **asked), 0, 0, lambda done, total: None)
+    return survey_system(matrix_system(file, **asked), 0, 0, lambda done, total: None)
 
 
 def conditions(found: Survey) -> pd.DataFrame:

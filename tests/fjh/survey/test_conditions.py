@@ -100,7 +100,7 @@ def test_inputs_without_room_about_rest_are_said_to_have_none(tmp_path, hold, ad
     file = written(tmp_path / "B.csv", effectiveness("PPNNPN"))
     found = of_matrix(file, lower="0", upper="6", hold=hold)
     assert found.start.verdict(0) == "no room"
-    assert headline(found.subject, found.start).endswith(f"{advice}.")
+    assert headline(found.system, found.start).endswith(f"{advice}.")
 
 
 def test_a_matrix_is_the_same_in_parts(tmp_path, monkeypatch):
@@ -130,7 +130,7 @@ def test_the_arm_points_with_any_joint_locked_and_none_free_but_the_last():
 
 def test_postures_are_within_the_joint_ranges_and_closed():
     found = of_robot(MODELS / "platform.xml", 8, major="3,4")
-    robot = found.subject.robot
+    robot = found.system.robot
     assert robot is not None and 0 < len(found.postures) <= 8
     for qpos in found.postures.qpos:
         data = assemble(robot.scene.own)
@@ -142,12 +142,12 @@ def test_postures_are_within_the_joint_ranges_and_closed():
 def test_over_postures_are_the_numbers_of_surveys_that_start_there():
     """Median, worst and share of an arm's conditions, by another start for each posture."""
     found, own = of_robot(ARM, 3), []
-    robot = found.subject.robot
+    robot = found.system.robot
     assert robot is not None
     for qpos in (np.array(robot.scene.start.qpos), *found.postures.qpos):
         there = robot_of(ARM, robot.options, qpos, settle=False)
         system = ConstrainedSystem.of(there.rigid.nominal)
-        own.append(examine(system, (0, 1), found.start.codes, rates=found.subject.rates))
+        own.append(examine(system, (0, 1), found.start.codes, rates=found.system.rates))
     told, name = condition_frame(found), "worst_speed_rad_per_s"
     elsewhere = np.array([speeds(each) for each in own[1:]])
     survived = np.array([each.speed_left > LEAST_LEFT for each in own])
@@ -173,20 +173,20 @@ def test_at_a_singular_start_the_best_posture_stands_for_it():
     """A planar arm stretched out cannot move its tip along itself; bent it can."""
     file = TEST_MODELS / "stretched.xml"
     alone, found = (of_robot(file, count, **STRETCHED) for count in (0, 8))
-    assert alone.start.verdict(0) == "one direction" and alone.subject.instead is None
-    robot, healthy = found.subject.robot, found.rows[found.rows.condition == 0].iloc[1:]
+    assert alone.start.verdict(0) == "one direction" and alone.system.instead is None
+    robot, healthy = found.system.robot, found.rows[found.rows.condition == 0].iloc[1:]
     assert found.start.survived[0] and robot is not None and healthy.survived.all()
     best = int(np.argmin(healthy.largest_gain_rad_per_m))
     np.testing.assert_allclose(robot.scene.own_start.qpos, found.postures.qpos[best])
     assert found.start.largest_gain[0] == pytest.approx(healthy.largest_gain_rad_per_m.iloc[best])
-    assert f"posture {best + 1} " in str(found.subject.instead)
+    assert f"posture {best + 1} " in str(found.system.instead)
 
 
 def test_every_check_fails_on_spoilt_numbers(tmp_path):
     found = of_matrix(written(tmp_path / "B.csv", B))
     start, left = found.start, found.start.left
-    assert [each.passed for each in checks(found.subject, start)] == [True, True]
+    assert [each.passed for each in checks(found.system, start)] == [True, True]
     verdicts = replace(start, left=replace(left, possible=~left.possible))
     numbers = replace(start, left=replace(left, worst_speed=speeds(start) * (1 + 1e-5)))
     for k, spoilt in enumerate((verdicts, numbers)):
-        assert [each.passed for each in checks(found.subject, spoilt)] == [k != 0, k != 1]
+        assert [each.passed for each in checks(found.system, spoilt)] == [k != 0, k != 1]

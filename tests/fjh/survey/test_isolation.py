@@ -13,7 +13,7 @@ from fjh.rig.dither import MEASURED_S
 from fjh.rig.mjcf import robot_rig
 from fjh.rig.options import RobotOptions
 from fjh.survey import isolation
-from fjh.survey.subject import matrix_subject, robot_subject
+from fjh.survey.system import matrix_system, robot_system
 from ftc.fdi import DEFAULT_CONFIG, separations
 from sim import MODELS
 from tests.random_systems import SEEDS
@@ -26,7 +26,7 @@ def test_two_inputs_are_alike_where_their_columns_have_rank_one(seed, rows, colu
     some = rng.normal(size=(rows, 3))
     B = some[:, rng.integers(0, 3, columns)] * rng.choice([-2.0, 1.0, 0.5, 0.0], columns)
     B = rng.uniform(0.1, 10, (rows, 1)) * B
-    found = isolation.alike_columns(B, range(columns), 1e-9)
+    found = isolation.indistinguishable_columns(B, range(columns), 1e-9)
     ranks = {
         (i, j): np.linalg.matrix_rank(B[:, [i, j]], tol=1e-9)
         for i, j in itertools.combinations(range(columns), 2)
@@ -50,8 +50,8 @@ def test_two_inputs_are_alike_where_their_columns_have_rank_one(seed, rows, colu
 def test_rotors_on_one_arm_look_alike(tmp_path):
     """Two rotors above each other, in the same sense: one column twice."""
     (tmp_path / "b.csv").write_text("top,bottom,side,idle\n1,0.5,1,0\n0.2,0.1,-0.2,0\n")
-    subject = matrix_subject(tmp_path / "b.csv", None, None, None, None)
-    [row] = isolation.isolation_of(subject, "on", None)[0].to_dict("records")
+    system = matrix_system(tmp_path / "b.csv", None, None, None, None)
+    [row] = isolation.isolation_of(system, "on", None)[0].to_dict("records")
     assert row["alike"] == [["top", "bottom"]] and row["without_effect"] == ["idle"]
 
 
@@ -87,13 +87,13 @@ def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has():
 )
 def test_where_nothing_can_be_said_of_sensors_a_sentence_says_why(name, task, said):
     """A task that leaves no motion, and torque motors."""
-    subject = robot_subject(MODELS / f"{name}.xml", RobotOptions(**task), None, None)
-    rows, settings = isolation.isolation_of(subject, "on", None)
+    system = robot_system(MODELS / f"{name}.xml", RobotOptions(**task), None, None)
+    rows, settings = isolation.isolation_of(system, "on", None)
     assert rows.empty and said in settings["isolation_refused"]
 
 
 def test_of_many_actuators_no_dither_is_searched(monkeypatch):
     monkeypatch.setattr(isolation, "MOST_ACTUATORS", 1)
-    subject = robot_subject(MODELS / "hand.xml", RobotOptions(major=(3, 4)), None, None)
-    rows, settings = isolation.isolation_of(subject, "on", None)
+    system = robot_system(MODELS / "hand.xml", RobotOptions(major=(3, 4)), None, None)
+    rows, settings = isolation.isolation_of(system, "on", None)
     assert rows.empty and "more than 1" in settings["isolation_refused"]

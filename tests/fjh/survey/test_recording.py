@@ -46,10 +46,10 @@ def test_the_motion_is_along_the_direction_that_is_lost(name, monkeypatch, tmp_p
     monkeypatch.setattr(recording, "MOST", 99)
     monkeypatch.setattr(recording, "condition_scene", lambda *driven, **_: driven)
     monkeypatch.setattr(recording, "write_scenes", lambda *of, pages: written.update(of[2]))
-    write_losses(found.subject, found.start, "fjh survey", "verdict", tmp_path)
-    model, lost = found.subject.robot.scene.own, losses(found.subject, found.start)
+    write_losses(found.system, found.start, "fjh survey", "verdict", tmp_path)
+    model, lost = found.system.robot.scene.own, losses(found.system, found.start)
     assert len(written) == len(lost) > 0
-    active = found.subject.system.active
+    active = found.system.constrained_system.active
     for loss, (_, _, qpos, (plot,)) in zip(lost, written.values(), strict=True):
         way = moved(model, qpos)
         size = way @ loss.direction
@@ -69,10 +69,10 @@ def test_the_motion_is_along_the_direction_that_is_lost(name, monkeypatch, tmp_p
 def test_more_directions_than_a_screen_holds_are_in_further_recordings(tmp_path, monkeypatch):
     monkeypatch.setattr(recording, "MOST", 3)
     found = survey("arm")
-    lost = losses(found.subject, found.start)
-    write_losses(found.subject, found.start, "fjh survey", "verdict", tmp_path)
+    lost = losses(found.system, found.start)
+    write_losses(found.system, found.start, "fjh survey", "verdict", tmp_path)
     files = sorted(tmp_path.glob("*.rrd"))
     cells = [sum(entity.endswith("/along") for entity in entities(file)) for file in files]
     assert sum(cells) == len(lost) and max(cells) == 3 and len(files) == -(-len(lost) // 3)
     said = "\n".join(notes(file) for file in files)
-    assert all(title(found.subject, found.start, loss, most=99) in said for loss in lost)
+    assert all(title(found.system, found.start, loss, most=99) in said for loss in lost)

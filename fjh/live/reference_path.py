@@ -8,19 +8,19 @@ from fjh.rig import Rig
 from sim import Array
 
 REST = "rest"
-COURSES = ("circle", "spiral", "steps", REST)
+PATHS = ("circle", "spiral", "steps", REST)
 TURN_S = 4.0
 _SOFT_START_S = 0.5
 """After which a circle repeats."""
 _AHEAD_S = 1.0
 """Of a path, for demands that begin before what they are for."""
 _SWITCH_S = 1.0
-_DRAWN_EVERY = 20
+_OUTLINE_EVERY = 20
 """Ticks."""
 
 
 @dataclass(frozen=True)
-class Course:
+class ReferencePath:
     """Desired displacements of the major rows, tick by tick, without end.
 
     Attributes:
@@ -38,7 +38,7 @@ class Course:
     @property
     def outline(self) -> Array:
         """Some points of a cycle, to be drawn, (N, m1)."""
-        return self.desired[-self.cycle - 1 :: _DRAWN_EVERY]
+        return self.desired[-self.cycle - 1 :: _OUTLINE_EVERY]
 
     def at(self, ticks: Array) -> tuple[Array, Array | None]:
         """Desired and demanded at some ticks (T,), shape (T, m1)."""
@@ -47,7 +47,9 @@ class Course:
         return self.desired[rows], None if self.demands is None else self.demands[rows]
 
 
-def course(rig: Rig, name: str, former: Course | None = None, tick: int = 0) -> Course:
+def course(
+    rig: Rig, name: str, former: ReferencePath | None = None, tick: int = 0
+) -> ReferencePath:
     """A path of a rig that begins at rest, after a former one faded out from a tick of it on."""
     switch = round(_SWITCH_S / rig.period_s) if former is not None else 0
     path, cycle = _cyclic(rig, name)
@@ -61,7 +63,7 @@ def course(rig: Rig, name: str, former: Course | None = None, tick: int = 0) -> 
         if demands is not None and was_demanded is not None:
             demands[:switch] += fades * was_demanded
     kept = len(desired) - round(_AHEAD_S / rig.period_s)
-    return Course(name, desired[:kept], None if demands is None else demands[:kept], cycle)
+    return ReferencePath(name, desired[:kept], None if demands is None else demands[:kept], cycle)
 
 
 def _cyclic(rig: Rig, name: str) -> tuple[Array, int]:

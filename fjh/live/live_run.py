@@ -17,7 +17,7 @@ from sim import Array, Failure, Pose
 Kind = Literal["sound", "locked", "free", "weak"]
 
 
-class Flight:
+class LiveRun:
     """A machine, its pilot, and what happened to it.
 
     Attributes:
@@ -95,7 +95,7 @@ class Flight:
         if (effect := self._effects.pop(name, None)) is not None:
             self._hooks.end(effect)
 
-    def hand_over(self, pilot: Any, state: Any = None) -> None:
+    def switch_controller(self, pilot: Any, state: Any = None) -> None:
         """Go on with another pilot in a state; None is what it makes of the present one."""
         self.pilot, self.state = pilot, pilot.transfer(self.state) if state is None else state
         self._since = self.tick - getattr(self.state, "ticks", 0)

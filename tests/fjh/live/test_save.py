@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from fjh.live.kept import keep
+from fjh.live.save import save_recording
 from fjh.live.session import Session
 from fjh.recording.properties import properties_of
 from fjh.study.errors import OutputError
@@ -25,7 +25,7 @@ def test_what_happened_is_read_back_from_the_recording_beside_former_ones(tmp_pa
     session.make(3, "weak")
     session.disturb("bump")
     session.advance(60)
-    assert keep(tmp_path, session) == f"The last 0 s are in {file}."
+    assert save_recording(tmp_path, session) == f"The last 0 s are in {file}."
     assert {each.name for each in tmp_path.iterdir()} == {"live_1.rrd", "live_2.rrd"}
     stated = json.loads(properties_of(file)["flight"])
     happened = {(each["actuator"], each["kind"], each["time_s"]) for each in stated["incidents"]}
@@ -39,4 +39,4 @@ def test_what_happened_is_read_back_from_the_recording_beside_former_ones(tmp_pa
         assert len(ticks) >= 20
         np.testing.assert_allclose(true, 1e6 * run.true[ticks], rtol=1e-3, atol=1e-6)
     with pytest.raises(OutputError):
-        keep(tmp_path / "live_1.rrd", session)
+        save_recording(tmp_path / "live_1.rrd", session)

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fjh.live.course import COURSES, REST, Course, course
+from fjh.live.reference_path import PATHS, REST, ReferencePath, course
 from tests.fjh.rigs import rig
 
 SETTLED_S = 1.0
@@ -14,11 +14,11 @@ of_each_robot = pytest.mark.parametrize("name", ["hexapod", "arm"])
 
 
 @cache
-def of(name: str, path: str) -> Course:
+def of(name: str, path: str) -> ReferencePath:
     return course(rig(name), path)
 
 
-@pytest.mark.parametrize("path", COURSES)
+@pytest.mark.parametrize("path", PATHS)
 @of_each_robot
 def test_what_repeats_is_what_a_longer_path_would_have_gone_on_with(name, path):
     """The cycle before the one that is kept: no seam shows, in what is desired or demanded."""

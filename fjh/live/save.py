@@ -4,7 +4,7 @@ from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
-from fjh.live.flight import Flight
+from fjh.live.live_run import LiveRun
 from fjh.live.session import Session
 from fjh.live.stage import NAMES
 from fjh.recording.record import About, write_views
@@ -15,7 +15,7 @@ from fjh.study.files import published
 from fjh.study.provenance import version_properties, versions
 
 
-def keep(folder: Path, session: Session) -> str:
+def save_recording(folder: Path, session: Session) -> str:
     """Write what happened of late as a recording, beside former ones; where it is, in a sentence.
 
     Raises:
@@ -28,7 +28,7 @@ def keep(folder: Path, session: Session) -> str:
     about = About(
         study="live",
         identity=f"live-{rig.title}-{number}",
-        said=[f"- {of}: {view.stated.status}" for of, view in views.items()],
+        notes=[f"- {of}: {view.stated.status}" for of, view in views.items()],
         parameters={"control_period_s": rig.period_s}
         | version_properties({"versions": versions()}),
     )
@@ -37,7 +37,7 @@ def keep(folder: Path, session: Session) -> str:
     return f"The last {runs[0].time_s[-1] - runs[0].time_s[0]:.0f} s are in {folder / name}."
 
 
-def _view(rig: Rig, flight: Flight, run: Run) -> RunView:
+def _view(rig: Rig, flight: LiveRun, run: Run) -> RunView:
     """A run with what was repaired in it."""
     view = view_of(rig, run)
     repairs = [

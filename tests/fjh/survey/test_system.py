@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fjh.study.errors import WrongInput
-from fjh.survey.subject import matrix_subject
+from fjh.survey.system import matrix_system
 from prioritized import ConstrainedSystem
 from sim import MODELS
 from tests.fjh.survey.surveys import conditions, of_matrix, of_robot, speeds, written
@@ -28,14 +28,14 @@ B = np.random.default_rng(3).normal(size=(3, 5))
 )
 def test_a_matrix_is_the_same_with_names_and_without(tmp_path, name, text):
     (tmp_path / name).write_text(text)
-    subject = matrix_subject(tmp_path / name, None, None, None, None)
-    np.testing.assert_array_equal(subject.system.J_T, [[1, 2, 0], [0, 1, 3]])
+    system = matrix_system(tmp_path / name, None, None, None, None)
+    np.testing.assert_array_equal(system.constrained_system.J_T, [[1, 2, 0], [0, 1, 3]])
     has_header, has_names = "a" in text[:8] and "b" in text[:8], "x," in text
-    assert subject.actuators == (tuple("abc") if has_header else ("u1", "u2", "u3"))
-    assert subject.rows == (tuple("xy") if has_names else ("row 0", "row 1"))
-    assert subject.major == (0, 1)
+    assert system.actuators == (tuple("abc") if has_header else ("u1", "u2", "u3"))
+    assert system.rows == (tuple("xy") if has_names else ("row 0", "row 1"))
+    assert system.major == (0, 1)
     if has_names:
-        assert matrix_subject(tmp_path / name, None, None, "y", None).major == (1,)
+        assert matrix_system(tmp_path / name, None, None, "y", None).major == (1,)
 
 
 @pytest.mark.parametrize(
@@ -53,7 +53,7 @@ def test_a_matrix_is_the_same_with_names_and_without(tmp_path, name, text):
 def test_a_file_that_is_no_matrix_is_refused_in_one_sentence(tmp_path, text, said):
     (tmp_path / "B.csv").write_text(text)
     with pytest.raises(WrongInput, match=said) as refused:
-        matrix_subject(tmp_path / "B.csv", None, None, None, None)
+        matrix_system(tmp_path / "B.csv", None, None, None, None)
     assert "B.csv" in str(refused.value) and "\n" not in str(refused.value)
 
 
@@ -90,10 +90,10 @@ def test_limits_come_from_files_of_numbers_in_a_row_or_a_column(tmp_path):
 def test_velocity_actuators_limit_rates_and_gears_count():
     file, words = TEST_MODELS / "stretched.xml", {"site": "tip", "axes": None, "major": "4"}
     found = of_robot(file, **words)
-    subject, healthy = found.subject, conditions(found).loc["sound"]
+    system, healthy = found.system, conditions(found).loc["sound"]
     assert np.isnan(healthy.worst_speed_m_per_s) and healthy.speed_left == 1.0
-    np.testing.assert_allclose(subject.rates, [[-0.5, -1, -np.inf], [0.5, 3, np.inf]])
-    assert subject.sources["rates"] is not None and subject.torques is not None
-    np.testing.assert_allclose(subject.torques[1], [np.inf, np.inf, 7])
-    given = of_robot(file, lower="-2", upper="2", **words).subject
+    np.testing.assert_allclose(system.rates, [[-0.5, -1, -np.inf], [0.5, 3, np.inf]])
+    assert system.sources["rates"] is not None and system.torques is not None
+    np.testing.assert_allclose(system.torques[1], [np.inf, np.inf, 7])
+    given = of_robot(file, lower="-2", upper="2", **words).system
     np.testing.assert_array_equal(given.rates, [[-2] * 3, [2] * 3])

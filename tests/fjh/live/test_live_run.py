@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fjh.live.flight import Flight
+from fjh.live.live_run import LiveRun
 from fjh.rig import Rig, Run
 from fjh.rig.events import Event
 from sim import Failure, Pose
@@ -17,9 +17,9 @@ SEED = 3
 HAPPENED = (("hum", 0.2), ("bump", 0.4), ("sag", 0.45))
 
 
-def flown(one: Rig, pilot: Any, path: np.ndarray, struck: Sequence[Any]) -> Flight:
+def flown(one: Rig, pilot: Any, path: np.ndarray, struck: Sequence[Any]) -> LiveRun:
     """By clicks: what is to happen at a time happens between two ticks."""
-    flight, period_s = Flight(one, pilot, len(path), SEED), one.period_s
+    flight, period_s = LiveRun(one, pilot, len(path), SEED), one.period_s
     demands = one.feedforward_demands(path)
     failing = {round(at_s / period_s): (one.number(which), kind) for which, kind, at_s in struck}
     begun = {round(at_s / period_s): name for name, at_s in HAPPENED}
@@ -73,10 +73,10 @@ def test_what_a_pilot_names_that_took_over_is_dated_by_the_flight():
     """Not by its own first tick: it learned from 0.2 to 1 s, and the lock is at 1.1 s."""
     one = rig("hexapod")
     path, pilot = one.path("circle", duration_s=1.4), one.supervisor()
-    flight = Flight(one, one.controller(), len(path), SEED)
+    flight = LiveRun(one, one.controller(), len(path), SEED)
     for k, reference in enumerate(path):
         if k == 200:
-            flight.hand_over(pilot)
+            flight.switch_controller(pilot)
         if k == 1100:
             flight.make(3, "locked")
         flight.step(reference, None)
