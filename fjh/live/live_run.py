@@ -1,4 +1,4 @@
-"""One machine with its pilot in flight, tick by tick, for a time that is not known beforehand."""
+"""Simulation of one machine with its controller, tick by tick, for an unknown duration."""
 
 from dataclasses import replace
 from typing import Any, Literal
@@ -18,24 +18,24 @@ Kind = Literal["sound", "locked", "free", "weak"]
 
 
 class LiveRun:
-    """A machine, its pilot, and what happened to it.
+    """Running simulation of a machine and its controller, with its failures and events.
 
     Attributes:
         rig: The robot.
-        pilot: As of :meth:`.Rig.supervisor` or :meth:`.Rig.controller`.
-        state: Of the pilot.
-        tick: So many are done.
-        desired: Of all ticks, shape (N, m1).
-        changes: When actuators, by number, became of which kind.
-        events: What else happened.
+        controller: Controller, from :meth:`.Rig.supervisor` or :meth:`.Rig.controller`.
+        state: State of the controller.
+        tick: Number of simulated ticks.
+        desired: Desired displacements of all ticks, (N, m1), [rad] or [m].
+        changes: Time [s], actuator number and new kind of each change.
+        events: Other events.
     """
 
-    def __init__(self, rig: Rig, pilot: Any, ticks: int, seed: int) -> None:
-        """Begin at rest a flight of at most so many ticks.
+    def __init__(self, rig: Rig, controller: Any, ticks: int, seed: int) -> None:
+        """Start a run of at most `ticks` ticks at rest.
 
-        All noise, and what is drawn of events, is of the seed.
+        The seed determines all noise and the random parameters of events.
         """
-        self.rig, self.pilot, self.state = rig, pilot, pilot.start()
+        self.rig, self.controller, self.state = rig, controller, controller.start()
         self._hooks, self._seed, self._since = Hooks(), seed, 0
         self._time_s = np.arange(ticks) * rig.period_s
         self._bench = rig.bench(self._time_s, (), seed, self._hooks)
@@ -47,33 +47,33 @@ class LiveRun:
 
     @property
     def now_s(self) -> float:
-        """Time of the next tick."""
+        """Time of the next tick [s]."""
         return self.tick * self.rig.period_s
 
     @property
-    def left(self) -> int:
-        """Ticks that it has left."""
+    def ticks_left(self) -> int:
+        """Number of ticks until the longest duration."""
         return len(self._time_s) - self.tick
 
     def step(self, reference: Array, demand: Array | None) -> None:
-        """One tick.
+        """Simulate one tick.
 
         Raises:
-            sim.SimulationDiverged: The physics left the finite numbers.
+            sim.SimulationDiverged: The state of the physics is not finite.
         """
         k, known = self.tick, {} if demand is None else {"feedforward": demand}
         self.desired[k] = reference
         self.state, self._measured[k] = one_tick(
-            self._bench, self.pilot.step, self.state, reference, **known
+            self._bench, self.controller.step, self.state, reference, **known
         )
         self._inputs[k] = self.state.inputs
         self.tick = k + 1
 
     def make(self, actuator: int, kind: Kind) -> None:
-        """Let an actuator that works fail, from the next tick on, or work again.
+        """Let a healthy actuator fail, or repair it, from the next tick on.
 
         Raises:
-            sim.ModelError: It is to lock and has no lock.
+            sim.ModelError: The failure is a lock, and the model has none for this actuator.
         """
         if kind == SOUND:
             self._bench.plant.repair(actuator)
@@ -81,67 +81,71 @@ class LiveRun:
             Failure(actuator, kind, self.now_s).strike(self._bench.plant)
         self.changes.append((self.now_s, actuator, kind))
 
-    def begin(self, name: str) -> None:
-        """An event that is of no actuator, from the next tick on."""
-        self.end(name)
+    def start_event(self, name: str) -> None:
+        """Start an event without an actuator at the next tick."""
+        self.end_event(name)
         event = Event(name, self.now_s)
-        before = sum(each.name == name for each in self.events)
-        self._effects[name], _ = effect_of(self.rig, event, self._seed, before)
+        count = sum(former.name == name for former in self.events)
+        self._effects[name], _ = effect_of(self.rig, event, self._seed, count)
         self._hooks.begin(self.tick, self._effects[name])
         self.events.append(event)
 
-    def end(self, name: str) -> None:
-        """The event is over."""
+    def end_event(self, name: str) -> None:
+        """End an event, if it is active."""
         if (effect := self._effects.pop(name, None)) is not None:
             self._hooks.end(effect)
 
-    def switch_controller(self, pilot: Any, state: Any = None) -> None:
-        """Go on with another pilot in a state; None is what it makes of the present one."""
-        self.pilot, self.state = pilot, pilot.transfer(self.state) if state is None else state
+    def switch_controller(self, controller: Any, state: Any = None) -> None:
+        """Continue with another controller in a state; None: transferred from the present state."""
+        self.state = controller.transfer(self.state) if state is None else state
+        self.controller = controller
         self._since = self.tick - getattr(self.state, "ticks", 0)
 
     @property
-    def belief(self) -> str:
-        """What the pilot believes now, and why, in a sentence."""
+    def diagnosis_text(self) -> str:
+        """Sentence on the controller's present diagnosis and its reason."""
         state = self.state
         if not isinstance(state, SupervisorState):
-            return "Does not diagnose: it goes on with what it knows."
+            return "No diagnosis: the controller continues with its present information."
         if state.is_learning and not state.watch.relearns:
-            return f"It takes the first {LEARNING_S:g} s for the sound machine."
-        said = state.status
+            return f"Learning the healthy machine in the first {LEARNING_S:g} s."
+        text = state.status
         if state.sensors.failed:
-            said = f"{said[:-1]}; {state.sensors.sentence(self.rig.period_s)}."
-        return said
+            text = f"{text[:-1]}; {state.sensors.sentence(self.rig.period_s)}."
+        return text
 
     def error(self, ticks: slice) -> Array:
-        """Desired minus true at some ticks that are done, (T, m1)."""
-        return self.desired[ticks] - self.seen(ticks)[2]
+        """Return desired minus true displacements, [rad] or [m], in a slice of past ticks, (T, m1)."""
+        return self.desired[ticks] - self.motion(ticks)[2]
 
     @property
     def frame(self) -> tuple[Array, Array]:
-        """Of the task, in the world: its origin (3,) at rest, and the axes (3, 3) of its rows."""
+        """Task frame in the world: origin (3,) [m] at rest, and axes (3, 3) of its rows."""
         return self._bench.plant.origin_m, self._bench.plant.axes
 
-    def seen(self, ticks: slice) -> tuple[Array, Array, Array]:
-        """At some ticks that are done: displacements (T, 6), qpos (T, nq), true rows (T, m1)."""
+    def motion(self, ticks: slice) -> tuple[Array, Array, Array]:
+        """Return the logged motion in a slice of past ticks.
+
+        These are payload displacements (T, 6), joint positions (T, nq) and true rows (T, m1).
+        """
         bench = self._bench
-        assert bench.qpos is not None  # a rig keeps them
+        assert bench.qpos is not None  # a rig logs them
         pose = Pose(bench.rotation[ticks], bench.translation_m[ticks])
         return pose.displacement(), bench.qpos[ticks], self.rig.reached(pose)
 
-    def run(self, first: int) -> Run:
-        """What happened from a tick on; of what happened before it, what still is.
+    def logged_run(self, first: int) -> Run:
+        """Return the run from a tick on, with earlier failures that still exist.
 
-        Without the poses that the pilot estimated, some kilobytes each: they are not kept.
+        Poses estimated by the controller are not logged, at some kilobytes each.
         """
         looped = LoopRun(self._measured, self._inputs, self.state)
-        begin_s, ticks = first * self.rig.period_s, slice(first, self.tick)
-        last = {actuator: at_s for at_s, actuator, _ in self.changes if at_s < begin_s}
+        start_s, ticks = first * self.rig.period_s, slice(first, self.tick)
+        last = {actuator: at_s for at_s, actuator, _ in self.changes if at_s < start_s}
         failures = [
             Failure(actuator, kind, at_s)
             for at_s, actuator, kind in self.changes
-            if kind != SOUND and (at_s >= begin_s or last[actuator] == at_s)
+            if kind != SOUND and (at_s >= start_s or last[actuator] == at_s)
         ]
-        around = looped, self._time_s, self.desired, failures, ticks, self._since
-        run = run_of(self.rig, self._bench, *around)
-        return replace(run, events=tuple(e for e in self.events if e.time_s >= begin_s))
+        context = looped, self._time_s, self.desired, failures, ticks, self._since
+        run = run_of(self.rig, self._bench, *context)
+        return replace(run, events=tuple(e for e in self.events if e.time_s >= start_s))

@@ -79,7 +79,9 @@ def read_run(path: Path, machine: Path | None = None) -> RecordedRun:
         )
     model = load_model(machine if content is None else _machine_of(path, content, machine))
     try:
-        stated = stated_of(Rig.hexapod(), machine_file=machine) if content is None else _stated(content)
+        stated = (
+            stated_of(Rig.hexapod(), machine_file=machine) if content is None else _stated(content)
+        )
         _check_stated(stated, model)
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise WrongInput(f"{path} and {recording.name} are not a run: {error}") from None
@@ -115,7 +117,14 @@ def _check_stated(stated: Stated, model: mujoco.MjModel) -> None:
     if stated.hexapod:
         hexapod(model)  # raises for any other robot
     n, changes = len(stated.actuators), [*stated.incidents, *stated.diagnoses]
-    texts = [stated.robot, stated.known, stated.status, *stated.actuators, *stated.rows, *stated.row_units]
+    texts = [
+        stated.robot,
+        stated.known,
+        stated.status,
+        *stated.actuators,
+        *stated.rows,
+        *stated.row_units,
+    ]
     texts += [*stated.actuator_units, *stated.input_units, *(change.kind for change in changes)]
     if not all(isinstance(text, str) for text in texts):
         raise ValueError("names, units and kinds must be text")

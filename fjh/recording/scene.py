@@ -79,7 +79,9 @@ def scenes_of(runs: Mapping[str, RunView], *, paths: bool = False) -> dict[str, 
         plane = None
         if len(run.plane_columns) > 1:
             plane = (_path if paths or len(runs) == 1 else _errors)(run, comparable)
-        scenes[name] = Scene(_picture(run, comparable), run.signals, axes, plane, run.lines, run.lanes)
+        scenes[name] = Scene(
+            _picture(run, comparable), run.signals, axes, plane, run.lines, run.lanes
+        )
     return scenes
 
 
@@ -149,7 +151,9 @@ def _path(run: RunView, comparable: Sequence[RunView]) -> Plane:
     desired, true = (1e6 * run.arrays[name][:, columns] for name in ("desired", "true"))
     right, up = (run.rows[k] for k in columns)
     title = f"Path: {up} over {right}; desired orange, true blue"
-    curves = [1e6 * each.arrays[name][:, columns] for each in comparable for name in ("desired", "true")]
+    curves = [
+        1e6 * each.arrays[name][:, columns] for each in comparable for name in ("desired", "true")
+    ]
     return Plane(title, (right, up), unit, desired, true, np.concatenate(curves))
 
 

@@ -223,7 +223,9 @@ class RunView:
     @property
     def failures(self) -> list[Change]:
         """Incidents of actuators without repairs."""
-        return [change for change in self.stated.incidents if change.actuator and change.kind != SOUND]
+        return [
+            change for change in self.stated.incidents if change.actuator and change.kind != SOUND
+        ]
 
     @property
     def failing(self) -> list[Failing]:
@@ -267,7 +269,9 @@ class RunView:
             if not any(change.actuator == name for change in changed):
                 continue
             for label, history in (("is", stated.incidents), ("taken for", stated.diagnoses)):
-                changes = [(change.time_s, change.kind) for change in history if change.actuator == name]
+                changes = [
+                    (change.time_s, change.kind) for change in history if change.actuator == name
+                ]
                 if changes or (stated.diagnoses and label != "is"):
                     lane = [] if changes and changes[0][0] <= start_s else [(start_s, SOUND)]
                     lanes[f"{name} {label}"] = [*lane, *changes]

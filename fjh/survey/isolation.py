@@ -130,9 +130,7 @@ def isolation_row(rig: Rig, sense: Sensing) -> tuple[DitherDesign, dict[str, Any
     isolable, added = separated.isolable(), dict[str, int]()
     candidates, most = further_sensors(rig, sense), len(isolable)
     while candidates and len(added) < MOST_ADDED and most < len(separated.faults):
-        ranked = ranked_sensors(
-            watched, candidates, dither, MEASURED_S, DEFAULT_CONFIG.uncertainty
-        )
+        ranked = ranked_sensors(watched, candidates, dither, MEASURED_S, DEFAULT_CONFIG.uncertainty)
         if (count := len(ranked[0].separations.isolable())) <= most:
             break
         name = ranked[0].name

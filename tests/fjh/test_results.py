@@ -45,7 +45,7 @@ def test_more_than_rounding_is_a_change_and_with_another_seed_more_than_noise(
     column = next(each for each in other["columns"] if each["name"] == "W_b")
     column["alpha_measured_rms_urad"] *= factor
     found = compared(TABLE1, other)
-    assert found.drawn == bool(seed) and list(found.settings.place) == ["seed"] * seed
+    assert found.resampled == bool(seed) and list(found.settings.place) == ["seed"] * seed
     assert list(found.changed.place) == ["columns.W_b.alpha_measured_rms_urad"] * changed
 
 

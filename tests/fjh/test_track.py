@@ -19,7 +19,7 @@ from fjh.rig.reach import limited_by, predictor, uncompared
 from fjh.rig.run import Diagnosed
 from fjh.study.errors import WrongInput
 from fjh.study.result import Result
-from fjh.track import TrackedRuns, agreement, rows_of, track
+from fjh.track import TrackedRuns, compare_prediction, rows_of, track
 from ftc.reconfiguration import Outlook
 from sim import HEXAPOD_MJCF, Array, Failure
 from tests.arms import ARMS as SERIAL
@@ -190,7 +190,9 @@ def test_a_run_that_named_what_had_not_failed_is_not_compared(named, why):
     said = uncompared(rig, run, predicted)
     assert said is None if why is None else said is not None and said.startswith(why)
     ours = TrackedRuns(rig, run, None, None, (), predicted, predicted)
-    assert np.isfinite(agreement(ours, rows_of(ours))["prediction_off_after"]) == (why is None)
+    assert np.isfinite(compare_prediction(ours, rows_of(ours))["prediction_off_after"]) == (
+        why is None
+    )
 
 
 def panda(folder: Path, upper: str = "1.7628") -> Path:

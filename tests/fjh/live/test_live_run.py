@@ -83,4 +83,4 @@ def test_what_a_pilot_names_that_took_over_is_dated_by_the_flight():
     run = flight.run(0)
     (named,) = run.diagnoses
     assert (named.actuator, named.kind) == ("strut4", "locked") and 1.1 < named.time_s < 1.4
-    assert run.status == f"{named}." and flight.belief.startswith("strut4 is locked")
+    assert run.status == f"{named}." and flight.diagnosis_text.startswith("strut4 is locked")

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fjh.live.reference_path import PATHS, REST, ReferencePath, course
+from fjh.live.reference_path import PATHS, REST, ReferencePath, reference_path
 from tests.fjh.rigs import rig
 
 SETTLED_S = 1.0
@@ -15,7 +15,7 @@ of_each_robot = pytest.mark.parametrize("name", ["hexapod", "arm"])
 
 @cache
 def of(name: str, path: str) -> ReferencePath:
-    return course(rig(name), path)
+    return reference_path(rig(name), path)
 
 
 @pytest.mark.parametrize("path", PATHS)
@@ -51,7 +51,7 @@ def test_a_change_of_path_has_no_jump(name, path, former):
     """No tick moves farther than both paths and a fade of 2 radii in 1 s, 15/8 of a ramp."""
     one, was = rig(name), of(name, former)
     at = 3 + len(was.desired) + round(0.4 * was.cycle)
-    now = course(one, path, was, at)
+    now = reference_path(one, path, was, at)
     before, _ = was.at(at + np.arange(-3, 0))
     after, _ = now.at(np.arange(2 * len(now.desired)))
     fastest = largest_step(of(name, path).desired) + largest_step(was.desired)
@@ -64,7 +64,7 @@ def test_a_change_of_path_has_no_jump(name, path, former):
 def test_a_change_to_steps_goes_to_rest_first():
     """Steps are jumps of their own; until the first of them the fade is smooth."""
     one, was = rig("hexapod"), of("hexapod", "circle")
-    now = course(one, "steps", was, 2500)
+    now = reference_path(one, "steps", was, 2500)
     switch = round(1.0 / one.period_s)
     assert largest_step(now.desired[:switch]) < 0.02 * one.size
     np.testing.assert_allclose(now.desired[switch], 0.0, atol=1e-9 * one.size)

@@ -27,7 +27,7 @@ def session() -> Session:
 
 def said(session: Session) -> str:
     """What the supervised pilot believes."""
-    return session.runs[0].belief
+    return session.runs[0].diagnosis_text
 
 
 def inputs(session: Session) -> np.ndarray:
@@ -115,11 +115,11 @@ def test_another_path_is_followed_by_both_and_by_new_machines(session, name):
     session.follow(name)
     begin = session.tick
     session.advance(20)
-    wanted, _ = session.course.at(np.arange(20))
+    wanted, _ = session.reference.at(np.arange(20))
     for flight in session.runs:
         np.testing.assert_array_equal(flight.desired[begin : begin + 20], wanted)
     session.restart()
-    assert session.course.name == name and not session.course.desired[0].any()
+    assert session.reference.name == name and not session.reference.desired[0].any()
 
 
 def test_the_last_minute_is_no_longer_and_has_what_still_is_broken(session, monkeypatch):
@@ -141,7 +141,7 @@ def test_a_flight_that_has_ended_does_no_more_ticks(monkeypatch):
     monkeypatch.setattr(sessions, "LONGEST_S", 0.05)
     session = Session(rig("hexapod"))
     assert [session.advance(30) for _ in range(3)] == [30, 19, 0]
-    assert session.tick == 50 and not any(flight.left for flight in session.runs)
+    assert session.tick == 50 and not any(flight.ticks_left for flight in session.runs)
     session.restart()
     assert session.advance(10) == 10
 
