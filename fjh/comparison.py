@@ -198,7 +198,7 @@ def _change(a: Any, b: Any) -> float:
 
 
 def shifted(a: pd.DataFrame, b: pd.DataFrame) -> tuple[pd.DataFrame, int]:
-    """Return medians of the columns in which two samples differ, and the number of tested columns."""
+    """Return medians of the columns in which two samples differ, and the number of tests."""
     rows = []
     for name in [name for name in a.select_dtypes("number") if name in b and name != "case"]:
         x, y = a[name].dropna(), b[name].dropna()

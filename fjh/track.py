@@ -396,8 +396,8 @@ def table_views(
         if rows[key].notna().all() and (name != "at_once" or results["diagnosis"] == "on")
     }
     legend = (
-        "RMS of desired minus true, before and after the first failure or event. linear: prediction "
-        "of the linear model with sensor noise, informed of failures when diagnosed, or at_once."
+        "RMS of desired minus true, before and after the first failure or event. linear: linear "
+        "model with sensor noise, for a controller informed of failures when diagnosed, or at_once."
     )
     legend += f" Not compared: {results['uncompared']}." if results["uncompared"] else ""
     if outside := [*results["warnings"], *results["met"]]:

@@ -44,7 +44,7 @@ def progress(description: str, *, shown: bool = True) -> Iterator[OnProgress]:
         yield update
 
 
-def print_table(table: "Shown") -> None:
+def print_table(table: "TableView") -> None:
     """A table on standard output, its legend below; a wide one goes on below itself."""
     import pandas as pd  # late, as above
     from rich.console import Console

@@ -115,7 +115,7 @@ class LiveRun:
         return text
 
     def error(self, ticks: slice) -> Array:
-        """Return desired minus true displacements, [rad] or [m], in a slice of past ticks, (T, m1)."""
+        """Return the error, desired minus true, of a slice of past ticks, [rad] or [m], (T, m1)."""
         return self.desired[ticks] - self.motion(ticks)[2]
 
     @property

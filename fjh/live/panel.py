@@ -38,7 +38,7 @@ class Panel:
         self, server: viser.ViserServer, session: Session, stage: Stage,
         do: Callable[..., None], save: Callable[[], None],
     ) -> None:  # fmt: skip
-        """Make all elements; `do` carries out clicks between two ticks, `save` writes a recording."""
+        """Make all elements; `do` carries out clicks between ticks, `save` writes a recording."""
         self._session, self._do, gui = session, do, server.gui
         self._html = gui.add_html("")
         lines = [Series(label=n, stroke=c, width=2) for n, c in zip(NAMES, COLORS, strict=True)]

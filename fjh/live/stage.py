@@ -35,7 +35,7 @@ _VISIBLE_GROUPS = 3
 
 
 class Stage:
-    """Both machines of a session, each with its path.
+    """Scene of both machines of a session, each with its path.
 
     Attributes:
         factor: Factor of magnification of all motion.
@@ -93,7 +93,7 @@ class Pointer:
     """A point of the task frame that visualizes its major rows: a direction or a position."""
 
     def __init__(self, rig: Rig, origin: Array, axes: Array) -> None:
-        """Use the task frame of a rig, with origin (3,) and axes (3, 3) of its rows in the world."""
+        """Use a rig's task frame, with origin (3,) [m] and axes (3, 3) of its rows in the world."""
         turned = [row for row in rig.major if row < 3]
         self._rows, self._origin, self._axes = list(rig.major), origin, axes
         self._lever = np.zeros(3)
@@ -111,7 +111,7 @@ class Pointer:
 
 
 class Actor:
-    """One machine in the scene."""
+    """Machine in a scene."""
 
     def __init__(
         self, scene: viser.SceneApi, rig: Rig, name: str, place: Array, color: str

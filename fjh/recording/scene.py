@@ -152,14 +152,14 @@ def _path(run: RunView, comparable: Sequence[RunView]) -> Plane:
     right, up = (run.rows[k] for k in columns)
     title = f"Path: {up} over {right}; desired orange, true blue"
     curves = [
-        1e6 * each.arrays[name][:, columns] for each in comparable for name in ("desired", "true")
+        1e6 * one.arrays[name][:, columns] for one in comparable for name in ("desired", "true")
     ]
     return Plane(title, (right, up), unit, desired, true, np.concatenate(curves))
 
 
 def _errors(run: RunView, comparable: Sequence[RunView]) -> Plane:
     columns, unit = run.plane_columns[:2], f"u{run.stated.row_units[0]}"
-    errors = [1e6 * each.error[:, columns] for each in (run, *comparable)]
+    errors = [1e6 * one.error[:, columns] for one in (run, *comparable)]
     right, up = (run.rows[k] for k in columns)
     names, zero = (right, f"{up} error"), np.zeros_like(errors[0])
     enclosed, note = np.concatenate(errors), f"RMS {run.rms_text()}"

@@ -106,7 +106,7 @@ def log_lines(
 def plot_view(
     plot: Plot, axis: Range, under: str = "", *, legend: bool = True, is_wide: bool = True
 ) -> rrb.TimeSeriesView:
-    """Return a view of a plot with this axis; the title of a wide one states the range of values."""
+    """Return a view of a plot with this axis; if it is wide, its title has the range of values."""
     low, high = plot.range
     parts = [plot.title, f"{low:.3g} to {high:.3g}", plot.note] if is_wide else [plot.title]
     times = [rrb.TimeRangeBoundary.absolute(seconds=float(t)) for t in plot.time_s[[0, -1]]]

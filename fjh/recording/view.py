@@ -244,7 +244,7 @@ class RunView:
 
     @property
     def lines(self) -> list[Line]:
-        """All incidents and diagnoses with their colours, in the order of time."""
+        """Incidents and diagnoses with their colours, in the order of time."""
         lines = [
             Line(one.time_s, self.stated.text(one), FAILED if one.actuator else ORANGE)
             for one in self.stated.incidents
@@ -279,7 +279,7 @@ class RunView:
 
     @property
     def secondary(self) -> tuple[list[str], Array]:
-        """Other rows of the task frame: names with units, values (N, 6 - m1) [urad], [um]."""
+        """Names with units and values (N, 6 - m1) [urad], [um] of the rows that are not major."""
         rows = [row for row in range(len(ROWS)) if row not in self.stated.major]
         units = ["urad" if row < len(ROWS) // 2 else "um" for row in rows]
         names = [self.stated.rows[row] for row in rows]
@@ -287,7 +287,7 @@ class RunView:
 
     @cached_property
     def signals(self) -> list[Plot]:
-        """All logged signals at every tick; those with a panel are in the order of relevance."""
+        """Logged signals at every tick; those with a panel are in the order of relevance."""
         stated, arrays, um = self.stated, self.arrays, "u" if self.stated.hexapod else ""
         row_units = [f"u{unit}" for unit in stated.row_units]
         rows = _with_units(self.rows, row_units)

@@ -26,7 +26,7 @@ _MARKUP = re.compile(
 
 @dataclass(frozen=True)
 class Check:
-    """One number that must stay below its limit for the study to be valid; NaN fails."""
+    """Number that must stay below its limit for the study to be valid; NaN fails."""
 
     what: str  # name of the number, with its unit
     where: str  # run or condition
@@ -164,7 +164,7 @@ class Result:
 
     @property
     def checked(self) -> str:
-        """One sentence on all checks: passed, or the list of those that failed."""
+        """Sentence on all checks: passed, or the list of those that failed."""
         if failed := self.failed:
             return f"{len(failed)} of {len(self.checks)} checks failed: {'; '.join(failed)}."
         return f"All checks passed ({len(self.checks)})." if self.checks else "No checks."

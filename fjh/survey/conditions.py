@@ -106,7 +106,7 @@ def most_failures(n: int) -> int:
 
 
 def conditions_up_to(n: int, failures: int) -> int:
-    """Return the number of conditions with at most `failures` failures, the healthy one included."""
+    """Return the number of conditions with at most `failures` failures, with the healthy one."""
     return sum(comb(n, count) * len(KINDS) ** count for count in range(failures + 1))
 
 

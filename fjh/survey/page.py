@@ -147,7 +147,7 @@ def write_page(result: Result, folder: Path) -> None:
 
 CAPTION = (
     "Remaining capability in the worst direction at the start, relative to that without failures. "
-    "Left: after the failure of one actuator. Right: after the failure of two, each locked or free; "
+    "Left: after the failure of one actuator. Right: after failures of two, each locked or free; "
     "vermilion: the major task is lost."
 )
 ALT = "Bars of the capability left after each single failure, and a map of all double failures."

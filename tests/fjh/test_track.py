@@ -56,7 +56,7 @@ NOISE = {ARM: 2e-6, PLATFORM: 2e-6, HAND: 5e-7, ARMS: 2e-6, None: None}
 def test_without_a_failure_the_error_is_that_of_the_linear_model(model, noise):
     """A known path through a linear loop; noise is small, as one second averages little."""
     one = tracked(model, turn=1.0, noise=noise)
-    rows, found = one.tables["rows"], one.found
+    rows, found = one.tables["rows"], one.overall
     np.testing.assert_allclose(rows.rms_before[:2], rows.predicted_rms_before[:2], rtol=0.05)
     assert found["rms_after"] is None and found["predicted_rms_after"] is None
     assert one.settings["failures"] == found["possible_after"] == found["diagnoses"] == []
@@ -80,11 +80,11 @@ def test_a_lock_is_named_and_costs_what_it_costs_who_learns_of_it_then(model, ho
     """By the dither, of any robot; the delay costs what the lock does meanwhile."""
     failed = FAILS[model]
     one = tracked(model, duration=2.0, fail=[f"{failed}:locked@0.8"], **how)
-    [named] = one.found["diagnoses"]
+    [named] = one.overall["diagnoses"]
     assert (named["actuator"], named["kind"]) == (failed, "locked")
     assert 0 <= named["delay_s"] < within_s
-    assert one.found["possible_after"] == [True] and not one.found["task_lost"]
-    assert one.found["prediction_off_after"] < 0.1
+    assert one.overall["possible_after"] == [True] and not one.overall["task_lost"]
+    assert one.overall["prediction_off_after"] < 0.1
     run, actuators = run_of(one), one.settings["actuators"]
     after = run["displacement"][run["time_s"] >= 0.802, actuators.index(failed)]
     assert np.ptp(after) < 1e-3 * one.settings["path_size"]
@@ -144,8 +144,8 @@ def test_the_cost_without_diagnosis_is_that_of_a_run_without_one():
     """Seed, failures, events and noise are the same: the same numbers to the bit."""
     fly = partial(tracked, ARM, fail=["motor2:locked@0.2"], event=["bump@0.3"], duration=0.5)
     done = list[tuple[int, int]]()
-    both = fly(on_progress=lambda *ticks: done.append(ticks)).found
-    alone = fly(diagnosis="off").found
+    both = fly(on_progress=lambda *ticks: done.append(ticks)).overall
+    alone = fly(diagnosis="off").overall
     assert both["rms_after_without_diagnosis_rad"] == alone["rms_after_rad"]
     assert alone["rms_after_without_diagnosis"] is None
     assert done[-1] == (1000, 1000) and len(done) == len(set(done))
@@ -162,9 +162,11 @@ def test_what_the_diagnosis_cannot_tell_apart_is_said_before_and_after(capfd):
     """With the option that would, which then does: half a second is enough for it."""
     unseen: dict[str, Any] = {"sense": "task", "duration": 0.4, "fail": ["motor1:locked@0.3"]}
     one = tracked(PLATFORM, **unseen)
-    advised = "motor1 locked may not be found: by the linear model --dither default tells it apart"
+    advised = (
+        "motor1 locked may not be identified: by the linear model --dither default tells it apart"
+    )
     assert capfd.readouterr().err == f"fjh: {advised}\n"
-    assert one.found["advice"] == [advised.replace("may not be found", "was not diagnosed")]
+    assert one.overall["advice"] == [advised.replace("may not be identified", "was not diagnosed")]
     with_it = tracked(PLATFORM, **unseen, dither="default").settings["dither"]
     assert {"actuator": "motor1", "kind": "locked"} in with_it["isolable"]
     with pytest.raises(WrongInput, match="the major task leaves no motion for a dither"):
@@ -267,7 +269,7 @@ def test_a_late_diagnosis_is_named_after_a_lock_in_full_motion(tmp_path, monkeyp
 def test_events_are_said_and_held_to_no_linear_model():
     events = ["hard_over:joint2@0.3", "bump@0.2", "late@0.35"]
     pushed = tracked(ARM, duration=0.4, event=events, diagnosis="off", fail=["motor4:locked@0.32"])
-    found = pushed.found
+    found = pushed.overall
     said = "bump at 0.2 s, motor2 hard_over at 0.3 s, motor4 locked at 0.32 s, late at 0.35 s"
     assert f"after {said} the RMS error is" in found["verdict"]
     run = run_of(pushed)

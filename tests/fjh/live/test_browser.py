@@ -104,8 +104,11 @@ def test_a_strut_that_breaks_is_named_and_when_it_is_repaired_all_is_sound(page,
         said = page.until(lambda said, kind=kind: kind in said.named(strut))
         assert said.happens == f"{strut} {kind}"
         page.beside(strut).get_by_role("button", name=f"● {word}", exact=True).wait_for()
-    page.make(strut, "sound")
-    assert page.until(lambda said: said.supervised.startswith(SOUND)).happens == "all is sound"
+    page.make(strut, "healthy")
+    assert (
+        page.until(lambda said: said.supervised.startswith(SOUND)).happens
+        == "all actuators are healthy"
+    )
 
 
 @pytest.mark.night
@@ -115,7 +118,7 @@ def test_a_bump_and_a_stuck_sensor_are_said_and_diagnosis_goes_off_and_on(page):
     page.tick("Stuck sensor")
     page.until(lambda said: "repeats one value" in said.supervised)
     page.tick("Stuck sensor")
-    for believed in ("Does not diagnose", SOUND):
+    for believed in ("No diagnosis", SOUND):
         page.tick("Diagnosis")
         page.until(lambda said, believed=believed: said.supervised.startswith(believed))
 
@@ -128,15 +131,19 @@ def test_two_pages_see_the_same_and_one_goes_on_when_the_other_is_closed(browser
     for each in (page, other):
         each.until(lambda said: said.supervised.startswith("strut2 is free"))
     for each in (other, page):
-        each.page.get_by_text("Weights: what a motion costs").click()
+        each.page.get_by_text("Weights: cost of motion").click()
     other.field("W1 strut5").fill("7.5")
     other.field("W1 strut5").press("Enter")
     page.until(lambda _: page.field("W1 strut5").input_value() == "7.5")
     other.page.close()
     begin = page.until(lambda _: True).clock_s
     page.until(lambda said: said.clock_s > begin + 0.5)
-    page.make("strut2", "sound")
-    page.until(lambda said: said.happens == "all is sound" and said.supervised.startswith(SOUND))
+    page.make("strut2", "healthy")
+    page.until(
+        lambda said: (
+            said.happens == "all actuators are healthy" and said.supervised.startswith(SOUND)
+        )
+    )
 
 
 @pytest.mark.night

@@ -103,7 +103,7 @@ def test_what_is_no_value_is_refused_and_what_is_beyond_a_range_is_clamped(page,
     changed = {uuid for uuid, handle in handles.items() if handle.value != before[uuid]}
     assert changed == {group, weight, times}
     page.show()
-    assert handles[group].options == ("sound", "lock", "● free", "weak")
+    assert handles[group].options == ("healthy", "lock", "● free", "weak")
     assert capfd.readouterr() == ("", "")
 
 

@@ -27,7 +27,7 @@ def flown(one: Rig, pilot: Any, path: np.ndarray, struck: Sequence[Any]) -> Live
         if k in failing:
             flight.make(*failing[k])
         if k in begun:
-            flight.begin(begun[k])
+            flight.start_event(begun[k])
         flight.step(reference, None if demands is None else demands[k])
     return flight
 
@@ -64,7 +64,7 @@ def test_a_pilot_flies_by_clicks_as_it_does_by_plan_bit_for_bit(name, pilot, str
     struck = [(one.actuators[k], kind, at_s) for k, kind, at_s in struck]
     failures, events = [Failure(*each) for each in struck], [Event(*each) for each in HAPPENED]
     planned = one.fly(pilot, path, failures=failures, events=events, seed=SEED)
-    assert_same(flown(one, pilot, path, struck).run(0), planned)
+    assert_same(flown(one, pilot, path, struck).logged_run(0), planned)
     assert planned.failures and len(planned.events) == len(HAPPENED)
 
 
@@ -80,7 +80,7 @@ def test_what_a_pilot_names_that_took_over_is_dated_by_the_flight():
         if k == 1100:
             flight.make(3, "locked")
         flight.step(reference, None)
-    run = flight.run(0)
+    run = flight.logged_run(0)
     (named,) = run.diagnoses
     assert (named.actuator, named.kind) == ("strut4", "locked") and 1.1 < named.time_s < 1.4
     assert run.status == f"{named}." and flight.diagnosis_text.startswith("strut4 is locked")

@@ -38,7 +38,7 @@ def test_a_click_that_is_refused_is_said_and_the_machines_go_on(page, error):
 
     page._clicks.put(refuse)
     assert page.advance(0.005, until=np.inf) == pytest.approx(0.005)
-    assert page._panel.said == str(error)
+    assert page._panel.message == str(error)
 
 
 def test_machines_that_diverge_are_replaced_and_the_page_says_why(page, monkeypatch):
@@ -50,7 +50,7 @@ def test_machines_that_diverge_are_replaced_and_the_page_says_why(page, monkeypa
     monkeypatch.setattr(page.session, "advance", diverge)
     page.advance(0.005, until=np.inf)
     assert page.session.states == ["sound"] * 6 and page.session.tick == 5
-    assert "these are new machines" in page._panel.said
+    assert "these are new machines" in page._panel.message
 
 
 def test_neither_a_tunnel_nor_a_port_of_another_program_is_opened(page):

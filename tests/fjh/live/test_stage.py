@@ -16,7 +16,7 @@ def flown(one: Rig, ticks: int) -> tuple[LiveRun, np.ndarray, np.ndarray]:
     for _ in range(ticks):
         flight.step(ahead, None)
     data = mujoco.MjData(one.model)
-    data.qpos[:] = flight.seen(slice(ticks - 1, ticks))[1][0]
+    data.qpos[:] = flight.motion(slice(ticks - 1, ticks))[1][0]
     mujoco.mj_kinematics(one.model, data)
     site = data.site("payload")
     return flight, site.xpos.copy(), site.xmat.reshape(3, 3).copy()
@@ -25,7 +25,7 @@ def flown(one: Rig, ticks: int) -> tuple[LiveRun, np.ndarray, np.ndarray]:
 def test_where_a_tool_is_drawn_it_is():
     one = rig("arm", major=(3, 4, 5))
     flight, place, _ = flown(one, 40)
-    drawn = Pointer(one, *flight.frame).at(flight.seen(slice(39, 40))[2], 1.0)[0]
+    drawn = Pointer(one, *flight.frame).at(flight.motion(slice(39, 40))[2], 1.0)[0]
     np.testing.assert_allclose(drawn, place, atol=1e-12)
     assert np.linalg.norm(drawn - flight.frame[0]) > 1e-6
 
@@ -34,7 +34,7 @@ def test_where_the_hexapod_is_drawn_to_point_it_points():
     """Whatever the rows that do not matter do: they turn it about the axis it points along."""
     (flight, _, turned), (_, _, before) = (flown(rig("hexapod"), ticks) for ticks in (40, 1))
     pointer = Pointer(rig("hexapod"), *flight.frame)
-    at_rest, drawn = pointer.at(np.array([[0.0, 0.0], flight.seen(slice(39, 40))[2][0]]), 1.0)
+    at_rest, drawn = pointer.at(np.array([[0.0, 0.0], flight.motion(slice(39, 40))[2][0]]), 1.0)
     lever = at_rest - flight.frame[0]
     moved = turned @ before.T @ lever
     # To first order: angles of microradians.

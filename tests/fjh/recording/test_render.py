@@ -81,7 +81,7 @@ def test_render_makes_a_picture_of_the_size_and_time_asked_for(refused, made, tm
     ("line", "error", "said"),
     [
         ("Error: Failed to find an appropriate graphics adapter", ConnectionError, "Vulkan driver"),
-        ("WARN egui: late", TimeoutError, "no answer at 9999x9999 pixels: late; WARN egui"),
+        ("WARN egui: late", TimeoutError, "does not respond at 9999x9999 pixels: late; WARN egui"),
     ],
 )
 def test_a_viewer_that_fails_after_connecting_is_one_sentence(

@@ -60,7 +60,7 @@ def test_data_without_a_recording_beside_it_is_a_run_that_says_nothing(made, tmp
 @pytest.mark.parametrize("alpha", [0.0, 1e300, -1.0, float("nan"), None, "1", [1.0]])
 def test_json_that_contradicts_the_data_is_noticed(alpha):
     told = {"made.json": {"runs": [{"data": "made.npz", "alpha_rms_urad": alpha}]}}
-    with pytest.raises(WrongInput, match=r"made\.json says alpha_rms_urad = .* whose data give"):
+    with pytest.raises(WrongInput, match=r"made\.json states alpha_rms_urad = .* whose data give"):
         check_stated("made.npz", made_view(), told)
 
 
@@ -72,7 +72,7 @@ def test_review_compares_json_with_the_data(capfd, made, tmp_path, place):
         rows = [{"data": "other.npz"}, {"data": "made.npz", "alpha_rms_urad": stated}]
         (folder / "made.json").write_text(json.dumps({"columns": rows}))
         assert main(["review", str(folder / place), "--out", str(out)]) == code
-        assert ("made.json says alpha_rms_urad" in capfd.readouterr().err) == bool(code)
+        assert ("made.json states alpha_rms_urad" in capfd.readouterr().err) == bool(code)
         assert out.exists() != bool(code)
 
 

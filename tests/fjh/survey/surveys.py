@@ -31,12 +31,12 @@ def of_robot(
 
 
 def of_matrix(file: Path, **given: str | None) -> Survey:
-    asked = dict.fromkeys(("lower", "upper", "major", "hold")) | given
-    return survey_system(matrix_system(file, **asked), 0, 0, lambda done, total: None)
+    arguments = dict.fromkeys(("lower", "upper", "major", "hold")) | given
+    return survey_system(matrix_system(file, **arguments), 0, 0, lambda done, total: None)
 
 
-def conditions(found: Survey) -> pd.DataFrame:
-    return condition_frame(found).set_index("failed")
+def conditions(survey: Survey) -> pd.DataFrame:
+    return condition_frame(survey).set_index("failed")
 
 
 def speeds(examined: Examined) -> np.ndarray:

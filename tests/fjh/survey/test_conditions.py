@@ -115,7 +115,7 @@ def test_a_matrix_is_the_same_in_parts(tmp_path, monkeypatch):
 def test_of_many_conditions_those_with_few_failures_are_examined_and_the_rest_is_said(tmp_path):
     found = of_matrix(written(tmp_path / "B.csv", np.random.default_rng(0).normal(size=(2, 12))))
     examined = sum(comb(12, k) * 2**k for k in range(5))
-    [said] = found.left_out()
+    [said] = found.omissions()
     assert f"3^12 conditions those with at most 4 failures ({examined:,})" in said
 
 

@@ -59,7 +59,7 @@ def test_rotors_on_one_arm_look_alike(tmp_path):
 def test_a_further_sensor_tells_as_much_apart_as_one_that_the_robot_has():
     """The greedy choice, each beside those before it, one by one; a sensor of the same noise."""
     hand = robot_rig(MODELS / "hand.xml", RobotOptions(major=(3, 4), sense="both"))
-    design, row = isolation.told_apart(hand, "joints")
+    design, row = isolation.isolation_row(hand, "joints")
     assert row["further_sensors"]
 
     def isolable(watched: Any) -> int:
