@@ -126,7 +126,7 @@ def test_another_path_is_followed_by_both_and_by_new_machines(session, name):
 
 def test_the_last_minute_is_no_longer_and_has_what_still_is_broken(session, monkeypatch):
     """Here a minute is 0.1 s."""
-    monkeypatch.setattr(sessions, "KEPT_S", 0.1)
+    monkeypatch.setattr(sessions, "SAVED_S", 0.1)
     session.make(0, "locked")
     session.make(1, "weak")
     session.advance(39)
