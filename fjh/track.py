@@ -148,26 +148,22 @@ def track(
         if done % 100 == 0 or done == len(desired):
             on_progress(former * len(desired) + done, count * len(desired))
 
-    conditions: dict[str, Any] = {"failures": announced, "seed": seed}
+    case: dict[str, Any] = {"failures": announced, "seed": seed}
     moving = design and design.dither
     first: Any = rig.supervisor(moving) if diagnoses else rig.controller()
-    monitored = [*events, monitor]
-    run = rig.fly(first, desired, events=monitored, on_tick=partial(on_tick, 0), **conditions)
+    run = rig.fly(first, desired, events=[*events, monitor], on_tick=partial(on_tick, 0), **case)
     undiagnosed = other = None
-    conditions["events"] = events
+    case["events"] = events
     if compares:
         with suppress(SimulationDiverged):
-            on_second = partial(on_tick, 1)
-            undiagnosed = rig.fly(rig.controller(), desired, on_tick=on_second, **conditions)
+            undiagnosed = rig.fly(rig.controller(), desired, on_tick=partial(on_tick, 1), **case)
     if controller is not None:
-        on_last = partial(on_tick, count - 1)
-        other, _ = fly_with(rig, controller, desired, on_tick=on_last, **conditions)
+        other, _ = fly_with(rig, controller, desired, on_tick=partial(on_tick, count - 1), **case)
 
     known_s, predict = reach.learnt_s(rig, run, failures), reach.predictor(rig, run, moving)
     predicted = predict(told=diagnoses)
     comparable = predict(told=known_s) if failures and not events else predicted
-    unmodeled = list(monitor.sentences)
-    runs = TrackedRuns(rig, run, undiagnosed, other, unmodeled, predicted, comparable)
+    runs = TrackedRuns(rig, run, undiagnosed, other, [*monitor.sentences], predicted, comparable)
     faults = [Fault.of(failure) for failure in run.failures]
     reports = [rig.classified(faults[:count]) for count in range(1, len(faults) + 1)]
     settings = {"seed": seed, "diagnosis": diagnosis, "controller": controller}
@@ -313,22 +309,13 @@ def compare_prediction(runs: TrackedRuns, rows: pd.DataFrame) -> dict[str, Any]:
 def event_log(
     runs: TrackedRuns, reports: Sequence[Any], entries: Sequence[Any]
 ) -> list[pd.DataFrame]:
-    """Return two tables in the order of time: failures with other events, and diagnoses.
-
-    An event that is a failure is listed once.
-    """
-    stated, remaining, diagnoses = stated_of(runs.rig, runs.run), dict[str, str](), list[Any]()
+    """Return tables of failures and other events, and of diagnoses, in the order of time."""
+    stated, meaning, diagnoses = stated_of(runs.rig, runs.run), dict[str, str](), list[Any]()
     for failure, report in zip(runs.run.failures, reports, strict=True):
         can = "possible" if is_possible(report) else "not possible"
-        remaining[called(runs.rig, failure)] = f"major task {can}: {deciding_sentence(report)}"
-    incidents = [
-        (
-            incident.time_s,
-            stated.text(incident),
-            remaining.get(stated.text(incident)) or EVENTS[incident.kind].sentence,
-        )
-        for incident in stated.incidents
-    ]
+        meaning[called(runs.rig, failure)] = f"major task {can}: {deciding_sentence(report)}"
+    texts = [(one.time_s, stated.text(one), one.kind) for one in stated.incidents]
+    incidents = [(at, what, meaning.get(what) or EVENTS[kind].sentence) for at, what, kind in texts]
     for entry in entries:
         delay_s, back_s = entry["delay_s"], entry["withdrawn_s"]
         after = "by mistake" if delay_s is None else f"after {delay_s:.3f} s"

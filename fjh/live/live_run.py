@@ -124,10 +124,7 @@ class LiveRun:
         return self._bench.plant.origin_m, self._bench.plant.axes
 
     def motion(self, ticks: slice) -> tuple[Array, Array, Array]:
-        """Return the logged motion in a slice of past ticks.
-
-        These are payload displacements (T, 6), joint positions (T, nq) and true rows (T, m1).
-        """
+        """Return displacements (T, 6), qpos (T, nq), true rows (T, m1) of a slice of past ticks."""
         bench = self._bench
         assert bench.qpos is not None  # a rig logs them
         pose = Pose(bench.rotation[ticks], bench.translation_m[ticks])

@@ -40,10 +40,7 @@ class Session:
         self.restart(PATHS[0])
 
     def restart(self, path: str | None = None) -> None:
-        """Replace the machines by healthy ones after one tick; goal and diagnosis do not change.
-
-        None: the path does not change either.
-        """
+        """Replace the machines by healthy ones after one tick; path None: the present one."""
         rig, ticks = self.rig, round(LONGEST_S / self.rig.period_s)
         first = self._supervisor if self.diagnoses else self._fault_unaware
         self.runs = [LiveRun(rig, one, ticks, self._seed) for one in (first, self._fault_unaware)]

@@ -144,10 +144,7 @@ def _panels(
     names: int = _NAMES,
     is_wide: bool = True,
 ) -> tuple[list[rrb.View], list[float]]:
-    """Return views of plots in a column of this height, and their heights.
-
-    Plots with more than `names` lines have no legend.
-    """
+    """Return views of plots in a column, and their heights; legends have at most `names` names."""
     # Names need space above the lines, and the error matters most.
     shares = [
         max(3.5 * plot.entity.startswith(ERROR), 2.5 + 0.17 * min(6, len(plot.names)))

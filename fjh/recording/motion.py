@@ -44,10 +44,7 @@ def motion_of(model: mujoco.MjModel, qpos: Array) -> Motion:
 
 
 def displacement(motion: Motion, nominal: Motion) -> tuple[Array, Array]:
-    """Return rotation vectors [rad] and translations [m] of all bodies from their nominal poses.
-
-    Both have shape (T, B, 3).
-    """
+    """Return rotation vectors [rad] and translations [m] from nominal poses, (T, B, 3) each."""
     turn = motion.rotation @ nominal.rotation.swapaxes(-1, -2)
     vector = Rotation.from_matrix(turn.reshape(-1, 3, 3)).as_rotvec()
     return vector.reshape(motion.position_m.shape), motion.position_m - nominal.position_m

@@ -55,9 +55,8 @@ class RecordedRun:
 def read_run(path: Path, machine: Path | None = None) -> RecordedRun:
     """Read a run from its `.npz` file and the recording of the same name.
 
-    The machine file `machine` is for drawing; None: the file that the recording names, or that of
-    `models/` with its SHA-256. A run of the hexapod's studies needs no recording; its failures are
-    unknown then.
+    `machine` is the MJCF for drawing; None: the file that the recording names, or that of `models/`
+    with its SHA-256. A run of the hexapod's studies needs no recording, but then has no failures.
 
     Raises:
         NoRunError: The file is not a run.
@@ -79,9 +78,7 @@ def read_run(path: Path, machine: Path | None = None) -> RecordedRun:
         )
     model = load_model(machine if content is None else _machine_of(path, content, machine))
     try:
-        stated = (
-            stated_of(Rig.hexapod(), machine_file=machine) if content is None else _stated(content)
-        )
+        stated = _stated(content) if content else stated_of(Rig.hexapod(), machine_file=machine)
         _check_stated(stated, model)
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise WrongInput(f"{path} and {recording.name} are not a run: {error}") from None
@@ -117,15 +114,9 @@ def _check_stated(stated: Stated, model: mujoco.MjModel) -> None:
     if stated.hexapod:
         hexapod(model)  # raises for any other robot
     n, changes = len(stated.actuators), [*stated.incidents, *stated.diagnoses]
-    texts = [
-        stated.robot,
-        stated.known,
-        stated.status,
-        *stated.actuators,
-        *stated.rows,
-        *stated.row_units,
-    ]
-    texts += [*stated.actuator_units, *stated.input_units, *(change.kind for change in changes)]
+    texts = [stated.robot, stated.known, stated.status, *stated.actuators, *stated.rows]
+    texts += [*stated.row_units, *stated.actuator_units, *stated.input_units]
+    texts += [change.kind for change in changes]
     if not all(isinstance(text, str) for text in texts):
         raise ValueError("names, units and kinds must be text")
     sizes = [len(names) for names in (stated.actuator_units, stated.input_units, stated.bodies)]

@@ -258,10 +258,7 @@ def _ratio(name: str, over: str, under: str) -> str:
 
 
 def condition_frame(survey: Survey) -> pd.DataFrame:
-    """Return a row for each condition at the start: labels and numbers.
-
-    For a robot there are statistics over postures, too.
-    """
+    """Return labels and numbers of each condition at the start; for a robot also over postures."""
     system, start, codes = survey.system, survey.start, survey.start.codes
     names, secondary = system.actuators, [system.rows[row] for row in system.secondary]
     labels = {

@@ -38,11 +38,8 @@ def isolation_of(
     """Return a row for each set of sensors, and the settings or why there is no result."""
     robot, count = system.robot, len(system.actuators)
     if robot is None:
-        row = indistinguishable_columns(
-            system.constrained_system.J_T,
-            system.actuators,
-            system.constrained_system.rank_tolerance,
-        )
+        B, tolerance = system.constrained_system.J_T, system.constrained_system.rank_tolerance
+        row = indistinguishable_columns(B, system.actuators, tolerance)
         return pd.DataFrame([row]), {"isolation_refused": None}
     # Only the control loops need position servos; all else uses the file as it is.
     options, at = replace(robot.options, servo=servo, sense="both"), None
@@ -78,8 +75,7 @@ def indistinguishable_columns(B: Array, names: Sequence[Any], tolerance: float) 
     Args:
         B: Effects per input, shape (m, n).
         names: Names of the inputs.
-        tolerance: Sine of the largest angle that counts as zero, and fraction of the largest
-            column's norm that counts as no effect.
+        tolerance: Largest sine of an angle, and relative norm of a column, that count as zero.
     """
     rows = np.linalg.norm(B, axis=1, keepdims=True)
     scaled = B / np.where(rows > 0.0, rows, 1.0)

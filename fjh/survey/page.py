@@ -62,18 +62,15 @@ _LEGEND = (
     "the actuators' errors. share_of_postures: share of the postures where the task survives."
 )
 _COSTS = "actuator left_locked:.0% left_free:.0% doubles_survived:.0% costs_most"
-_LEFT_LEGEND = (
-    "left: mean over start and postures. doubles_survived: fraction of the double failures."
-)
+_LEFT_LEGEND = "left: mean over start and postures. doubles_survived: share of double failures."
 _OF_MATRIX = "sensors isolable alike without_effect nearest smallest_angle_deg:.3g"
 _OF_ROBOT = (
     "sensors isolable failures isolable_with_exact_model dither_hz:g further_sensors "
     "isolable_with_further"
 )
 _ISOLABLE_LEGEND = (
-    "isolable: failures (for a robot each actuator locked, free, half weak) that are "
-    "distinguishable from any failure of another actuator and from none. further_sensors: the best "
-    "additions, one after another."
+    "isolable: failures (for a robot each actuator locked, free, half weak) separated from those of "
+    "other actuators and from none. further_sensors: the best additions, one after another."
 )
 
 
@@ -86,7 +83,7 @@ def headline(system: AnalyzedSystem, start: Examined) -> str:
         return f"{task} survives {survived or 'none'} of {total} single failures."
     advice = "drop major rows (--major)"
     if system.robot is not None:
-        advice += ", choose another start (--keyframe), or pin stationary joints (--pinned)"
+        advice += ", choose another start (--keyframe), or pin bodies on the ground (--pinned)"
     elif start.verdict(0) == NO_ROOM:
         one_sided = "for one-sided inputs, give what they exert at rest (--hold)"
         advice = one_sided if system.hold is None else "widen the limits, or hold less"
@@ -100,10 +97,7 @@ def notes(
     if system.instead is not None:
         yield system.instead
     if near := int((start.left.gap < _NEAR).sum()):
-        yield (
-            f"{near:,} classifications are uncertain: they would change with a rank tolerance "
-            f"within a factor of {_NEAR:g}."
-        )
+        yield f"{near:,} classifications depend on the rank tolerance within a factor of {_NEAR:g}."
     costly = actuators.actuator[actuators.costs_most].tolist()
     if 0 < len(costly) < len(actuators):
         yield f"The failure of {listed(costly, 'or')} costs most."
@@ -206,10 +200,7 @@ def _pairs(axes: Axes, names: tuple[str, ...], left: Array) -> None:
 
 
 def pair_table(start: Examined) -> Array:
-    """Return the fraction left after each pair of failures, (2 n, 2 n), locked before free.
-
-    Single failures are on the diagonal; NaN: not analyzed.
-    """
+    """Return the fraction left after each pair, (2 n, 2 n), locked first; diagonal: singles."""
     n = start.codes.shape[1]
     table, left = np.full((2 * n, 2 * n), np.nan), np.where(start.survived, start.speed_left, 0.0)
     failed = np.hstack([start.codes == LOCKED, start.codes == FREE])
