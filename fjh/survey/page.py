@@ -69,8 +69,8 @@ _OF_ROBOT = (
     "isolable_with_further"
 )
 _ISOLABLE_LEGEND = (
-    "isolable: failures (for a robot each actuator locked, free, half weak) separated from those of "
-    "other actuators and from none. further_sensors: the best additions, one after another."
+    "isolable: failures (for a robot each actuator locked, free, half weak) separated from those "
+    "of other actuators and from none. further_sensors: the best additions, one after another."
 )
 
 

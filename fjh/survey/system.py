@@ -183,7 +183,7 @@ def _together(ranges: list[tuple[float, float]]) -> Limits | None:
 
 
 def _rate_range(drive: Drive) -> tuple[float, float]:
-    """Return the rates that all velocity servos of a drive allow; only these limit rates in MJCF."""
+    """Return the rates that all velocity servos of a drive allow; only they limit rates in MJCF."""
     model, spans = drive.model, [np.array([-np.inf, np.inf])]
     for k, gear in zip(drive.ids, drive.gear, strict=True):
         control = int(model.actuator_ctrladr[k])

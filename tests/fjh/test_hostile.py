@@ -159,5 +159,5 @@ def rigs() -> Room:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", RIGS)
-def test_a_hostile_argument_of_a_rig_is_named_or_harmless(name):
+def test_hostile_argument_of_a_rig_is_reported_or_harmless(name):
     rigs().attack(name)

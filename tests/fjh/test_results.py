@@ -49,7 +49,7 @@ def test_more_than_rounding_is_a_change_and_with_another_seed_more_than_noise(
     assert list(found.changed.place) == ["columns.W_b.alpha_measured_rms_urad"] * changed
 
 
-def test_a_changed_word_is_no_noise_and_a_new_constant_no_other_draw():
+def test_changed_text_is_no_noise_and_a_new_constant_no_new_sample():
     one = {"seed": 0, "status": "exact", "x": None, "y": 1.0, "rules": {"gain": 1.0}}
     found = compared(one, one | {"seed": 1, "status": "lost", "x": 2.0, "y": 1.01})
     assert set(found.changed.place) == {"status", "x"}

@@ -76,7 +76,7 @@ LOCKS = [
 
 @pytest.mark.long
 @pytest.mark.parametrize(("model", "how", "within_s"), LOCKS)
-def test_a_lock_is_named_and_costs_what_it_costs_who_learns_of_it_then(model, how, within_s):
+def test_lock_is_identified_and_error_is_as_predicted_for_its_delay(model, how, within_s):
     """By the dither, of any robot; the delay costs what the lock does meanwhile."""
     failed = FAILS[model]
     one = tracked(model, duration=2.0, fail=[f"{failed}:locked@0.8"], **how)
@@ -140,7 +140,7 @@ def test_paths_begin_at_the_start_and_keep_their_size(tmp_path):
 
 
 @pytest.mark.long
-def test_the_cost_without_diagnosis_is_that_of_a_run_without_one():
+def test_error_without_diagnosis_is_that_of_a_run_without_diagnosis():
     """Seed, failures, events and noise are the same: the same numbers to the bit."""
     fly = partial(tracked, ARM, fail=["motor2:locked@0.2"], event=["bump@0.3"], duration=0.5)
     done = list[tuple[int, int]]()
@@ -158,7 +158,7 @@ def test_the_cost_without_diagnosis_is_that_of_a_run_without_one():
 
 
 @pytest.mark.long
-def test_what_the_diagnosis_cannot_tell_apart_is_said_before_and_after(capfd):
+def test_failure_that_is_not_isolable_is_reported_before_and_after(capfd):
     """With the option that would, which then does: half a second is enough for it."""
     unseen: dict[str, Any] = {"sense": "task", "duration": 0.4, "fail": ["motor1:locked@0.3"]}
     one = tracked(PLATFORM, **unseen)
@@ -183,7 +183,7 @@ def test_what_the_diagnosis_cannot_tell_apart_is_said_before_and_after(capfd):
         (Diagnosed("motor4", "locked", 0.2, 0.3), "motor4 was diagnosed locked wrongly, or"),
     ],
 )
-def test_a_run_that_named_what_had_not_failed_is_not_compared(named, why):
+def test_run_with_a_false_diagnosis_is_not_compared(named, why):
     """Nor one that took a lock for a weakness; each says so."""
     rig, failure = rig_of("arm", crossover=0.7), Failure(3, "locked", 0.1)
     run = rig.fly(rig.controller(), rig.path("circle", duration_s=0.3, turn_s=1.0))
@@ -205,7 +205,7 @@ def panda(folder: Path, upper: str = "1.7628") -> Path:
 
 
 @pytest.mark.long
-def test_no_command_leaves_a_limit_that_binds_and_other_joints_do_the_task(tmp_path):
+def test_commands_respect_an_active_limit_and_other_joints_do_the_task(tmp_path):
     """Within 1 % of the path; commands beyond the range, which the servo clips, do far worse."""
     quiet: dict[str, Any] = {"site": "hand", "major": "3,4,5", "crossover": 0.5, "size": 2e-3}
     quiet |= {"turn": 1.0, "noise": 1e-6, "duration": 0.6}
@@ -240,7 +240,7 @@ STEPS: dict[str, Any] = QUIET | {"path": "steps", "size": 0.1}
         ('frictionloss="2"', 1.0, QUIET, r"Most of the error is from dry friction in the joints"),
     ],
 )
-def test_each_cause_of_an_error_is_named_where_it_is(tmp_path, joint, torque, options, said):
+def test_dominant_cause_of_the_error_is_identified(tmp_path, joint, torque, options, said):
     """In a run of a second of a Panda-like arm, with so many times its torque."""
     servos = [(kp, kv, torque * most) for kp, kv, most in SERIAL["panda"].servos]
     file = replace(SERIAL["panda"], servos=servos).write(tmp_path / "panda.xml", joint)
@@ -252,7 +252,7 @@ def test_each_cause_of_an_error_is_named_where_it_is(tmp_path, joint, torque, op
 
 
 @pytest.mark.long
-def test_a_late_diagnosis_is_named_after_a_lock_in_full_motion(tmp_path, monkeypatch):
+def test_late_diagnosis_is_identified_as_cause_after_a_lock_in_motion(tmp_path, monkeypatch):
     monkeypatch.setattr(Outlook, "goes_over", lambda *_: True)
     rig = Rig.of_mjcf(SERIAL["panda"].write(tmp_path / "panda.xml"), site="tool", major=[3, 4, 5])
     path = rig.path("circle", duration_s=2.0, turn_s=2.0)
@@ -266,7 +266,7 @@ def test_a_late_diagnosis_is_named_after_a_lock_in_full_motion(tmp_path, monkeyp
 
 
 @pytest.mark.long
-def test_events_are_said_and_held_to_no_linear_model():
+def test_events_are_reported_and_not_compared_with_the_linear_model():
     events = ["hard_over:joint2@0.3", "bump@0.2", "late@0.35"]
     pushed = tracked(ARM, duration=0.4, event=events, diagnosis="off", fail=["motor4:locked@0.32"])
     found = pushed.overall
@@ -294,7 +294,7 @@ ASKED = {
 
 
 @pytest.mark.parametrize("words", ASKED)
-def test_what_cannot_be_done_is_refused_in_one_sentence(words, capfd, tmp_path):
+def test_impossible_requests_are_rejected_in_one_sentence(words, capfd, tmp_path):
     file, out = panda(tmp_path, "0.0002") if "hand" in words else ARM, tmp_path / "out"
     usual = ("track", str(file), "--crossover", "0.5", "--duration", "0.4", "--out", str(out))
     assert main([*usual, *words.split()]) == 2

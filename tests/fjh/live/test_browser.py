@@ -63,7 +63,7 @@ def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(brows
         assert properties_of(recording)["study"] == "live"
 
 
-def test_an_interruption_before_the_page_is_there_is_one_sentence_too(tmp_path):
+def test_interruption_before_the_page_is_served_is_one_sentence(tmp_path):
     process = seen.live(tmp_path / "out", "--port", str(seen.free_port()))
     wait_for(lambda: any(seen.listens(process.pid)))
     process.send_signal(signal.SIGINT)
@@ -96,7 +96,7 @@ def page(first) -> seen.Seen:
 
 @pytest.mark.night
 @pytest.mark.parametrize("strut", [f"strut{k}" for k in range(1, 7)])
-def test_a_strut_that_breaks_is_named_and_when_it_is_repaired_all_is_sound(page, strut):
+def test_failed_strut_is_identified_and_repaired_strut_cleared(page, strut):
     """Of those that were free, 3 and 6 are not always given back (docs/live.md)."""
     for word, kind in KINDS.items():
         page.renew()
@@ -112,7 +112,7 @@ def test_a_strut_that_breaks_is_named_and_when_it_is_repaired_all_is_sound(page,
 
 
 @pytest.mark.night
-def test_a_bump_and_a_stuck_sensor_are_said_and_diagnosis_goes_off_and_on(page):
+def test_bump_and_stuck_sensor_are_reported_and_diagnosis_is_switched(page):
     page.click("Bump")
     page.until(lambda said: said.last.startswith("Bumped: 5/54 of the payload's weight"))
     page.tick("Stuck sensor")
@@ -124,7 +124,7 @@ def test_a_bump_and_a_stuck_sensor_are_said_and_diagnosis_goes_off_and_on(page):
 
 
 @pytest.mark.night
-def test_two_pages_see_the_same_and_one_goes_on_when_the_other_is_closed(browser, address, page):
+def test_two_pages_share_one_session_and_can_be_closed_independently(browser, address, page):
     """What is clicked on one shows on the other, the elements too."""
     other = seen.Seen(browser.new_page(viewport=seen.SMALL), address, picture_s=10.0)
     other.make("strut2", "free")
@@ -151,9 +151,7 @@ def test_two_pages_see_the_same_and_one_goes_on_when_the_other_is_closed(browser
     ("robot", "words", "actuator"),
     [("arm", "--site payload --major 3,4,5", "motor4"), ("hand", "--major 3,4", "motor1")],
 )
-def test_an_actuator_of_another_robot_that_locks_is_named(
-    browser, tmp_path, robot, words, actuator
-):
+def test_lock_of_another_robot_is_identified(browser, tmp_path, robot, words, actuator):
     words = [str(MODELS / f"{robot}.xml"), *words.split(), "--port", str(seen.free_port())]
     with seen.served(tmp_path / "out", *words) as (_, url):
         page = seen.Seen(browser.new_page(viewport=seen.SMALL), url)

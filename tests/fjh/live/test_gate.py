@@ -37,14 +37,14 @@ def connected(page: Page, origin: str | None, host: str = "127.0.0.1") -> Client
         ("http://example.org:{port}", "example.org"),
     ],
 )
-def test_a_page_of_another_origin_or_name_is_refused(page, capfd, origin, host):
+def test_page_of_another_origin_or_name_is_rejected(page, capfd, origin, host):
     with pytest.raises(InvalidStatus, match="403"):
         connected(page, origin, host)
     assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
-def test_the_page_that_is_served_is_taken(page, host):
+def test_served_page_is_accepted(page, host):
     with connected(page, f"http://{host}:{{port}}", host) as client:
         assert client.recv(timeout=10)
         client.send(b"0" * 100_000)  # it ends the connection, and nothing else
@@ -65,7 +65,7 @@ def updated(uuid: str, **updates: Any) -> dict[str, Any]:
     return {"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates}
 
 
-def test_what_is_no_value_is_refused_and_what_is_beyond_a_range_is_clamped(page, capfd):
+def test_invalid_values_are_rejected_and_values_beyond_a_range_clamped(page, capfd):
     """Each kind of element by each kind of wrong value, then one right click as ever."""
     handles = page._server.gui._gui_input_handle_from_uuid
     group, weight, times = (

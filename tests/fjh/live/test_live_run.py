@@ -58,7 +58,7 @@ LATER = [(1, "weak", 0.3), (4, "locked", 1.2)]
         ),
     ],
 )
-def test_a_pilot_flies_by_clicks_as_it_does_by_plan_bit_for_bit(name, pilot, struck, duration_s):
+def test_run_by_clicks_equals_planned_run_bit_for_bit(name, pilot, struck, duration_s):
     one = rig(name)
     pilot, path = getattr(one, pilot)(), one.path("circle", duration_s=duration_s)
     struck = [(one.actuators[k], kind, at_s) for k, kind, at_s in struck]
@@ -69,7 +69,7 @@ def test_a_pilot_flies_by_clicks_as_it_does_by_plan_bit_for_bit(name, pilot, str
 
 
 @pytest.mark.long
-def test_what_a_pilot_names_that_took_over_is_dated_by_the_flight():
+def test_diagnosis_after_a_switch_has_the_time_of_the_run():
     """Not by its own first tick: it learned from 0.2 to 1 s, and the lock is at 1.1 s."""
     one = rig("hexapod")
     path, pilot = one.path("circle", duration_s=1.4), one.supervisor()

@@ -8,7 +8,7 @@ from fjh.study.errors import WrongInput
 from sim import ModelError, SimulationDiverged
 
 
-def test_every_click_is_done_within_five_ticks_of_simulated_time(page: Page, monkeypatch):
+def test_clicks_are_carried_out_within_five_ticks(page: Page, monkeypatch):
     """Clicked while the machines move: at the first tick of each batch."""
     advance, asked, done = page.session.advance, list[int](), list[int]()
 
@@ -23,7 +23,7 @@ def test_every_click_is_done_within_five_ticks_of_simulated_time(page: Page, mon
     assert all(0 < then - at <= 5 for at, then in zip(asked, done, strict=True))
 
 
-def test_a_clock_that_is_late_lets_go(page):
+def test_delay_of_the_clock_is_not_caught_up(page):
     """Nothing is done after the time of a frame; a second that is short is not made up for."""
     assert page.advance(1.0, until=-np.inf) == 0.0
     begin = page.session.tick
@@ -32,7 +32,7 @@ def test_a_clock_that_is_late_lets_go(page):
 
 
 @pytest.mark.parametrize("error", [ModelError("no lock"), WrongInput("no"), OSError("disk full")])
-def test_a_click_that_is_refused_is_said_and_the_machines_go_on(page, error):
+def test_failed_click_is_reported_and_simulation_continues(page, error):
     def refuse() -> None:
         raise error
 
@@ -41,7 +41,7 @@ def test_a_click_that_is_refused_is_said_and_the_machines_go_on(page, error):
     assert page._panel.message == str(error)
 
 
-def test_machines_that_diverge_are_replaced_and_the_page_says_why(page, monkeypatch):
+def test_diverged_machines_are_replaced_with_a_message(page, monkeypatch):
     def diverge(ticks: int) -> int:
         monkeypatch.undo()
         raise SimulationDiverged(0.1, np.zeros(3))

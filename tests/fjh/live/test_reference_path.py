@@ -20,7 +20,7 @@ def of(name: str, path: str) -> ReferencePath:
 
 @pytest.mark.parametrize("path", PATHS)
 @of_each_robot
-def test_what_repeats_is_what_a_longer_path_would_have_gone_on_with(name, path):
+def test_repeated_cycle_continues_the_path(name, path):
     """The cycle before the one that is kept: no seam shows, in what is desired or demanded."""
     one, its = rig(name), of(name, path)
     start, settled = len(its.desired) - its.cycle, round(SETTLED_S / one.period_s)

@@ -14,7 +14,7 @@ from tests.fjh.rigs import rig
 
 
 @pytest.mark.long
-def test_what_happened_is_read_back_from_the_recording_beside_former_ones(tmp_path):
+def test_last_minute_is_read_back_from_the_next_recording(tmp_path):
     """A strut that locked and was repaired, another one that is weak, a bump."""
     session, file = Session(rig("hexapod"), seed=4), tmp_path / "live_2.rrd"
     (tmp_path / "live_1.rrd").touch()  # of another day

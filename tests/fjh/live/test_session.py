@@ -35,7 +35,7 @@ def inputs(session: Session) -> np.ndarray:
     return np.array([flight.state.inputs for flight in session.runs])
 
 
-def test_every_actuator_of_both_machines_can_be_of_every_kind(session):
+def test_every_actuator_of_both_machines_can_have_every_state(session):
     """What is clicked twice is done once; the models of both machines are then the same."""
     for actuator in range(6):
         for kind in (*KINDS[::-1], KINDS[1]):
@@ -52,7 +52,7 @@ def test_every_actuator_of_both_machines_can_be_of_every_kind(session):
         assert plant.data.eq_active[locks].all()
 
 
-def test_what_is_undone_between_two_ticks_leaves_no_trace(session):
+def test_actions_undone_between_two_ticks_have_no_effect(session):
     """Twice on, twice off, or broken in every way and repaired; what was over can begin anew."""
     calm = Session(rig("hexapod"))
     for kind in (*KINDS[1:], KINDS[0]):
@@ -93,7 +93,7 @@ def test_weights_change_without_a_step_of_the_inputs(session):
     assert session.goal.joint_weight == (8.0, 1.0, 1.0, 8.0, 1.0, 1.0)
 
 
-def test_new_machines_are_sound_and_fly_the_same_flight_bit_for_bit(session):
+def test_new_machines_are_healthy_and_repeat_the_run_bit_for_bit(session):
     session.advance(60)
     first = [flight.logged_run(0) for flight in session.runs]
     session.make(2, "free")
@@ -124,7 +124,7 @@ def test_another_path_is_followed_by_both_and_by_new_machines(session, name):
     assert session.reference.name == name and not session.reference.desired[0].any()
 
 
-def test_the_last_minute_is_no_longer_and_has_what_still_is_broken(session, monkeypatch):
+def test_last_minute_is_cut_and_includes_earlier_active_failures(session, monkeypatch):
     """Here a minute is 0.1 s."""
     monkeypatch.setattr(sessions, "SAVED_S", 0.1)
     session.make(0, "locked")
@@ -139,7 +139,7 @@ def test_the_last_minute_is_no_longer_and_has_what_still_is_broken(session, monk
         assert [(each.number, each.kind) for each in run.failures] == [(1, "weak")]
 
 
-def test_a_flight_that_has_ended_does_no_more_ticks(monkeypatch):
+def test_ended_run_simulates_no_more_ticks(monkeypatch):
     monkeypatch.setattr(sessions, "LONGEST_S", 0.05)
     session = Session(rig("hexapod"))
     assert [session.advance(30) for _ in range(3)] == [30, 19, 0]
@@ -162,7 +162,7 @@ def until(session: Session, holds: Callable[[str], bool], within_s: float) -> fl
 
 @pytest.mark.long
 @pytest.mark.parametrize("while_looking", [True, False])
-def test_diagnosis_that_is_switched_on_again_names_what_is_broken(session, while_looking):
+def test_restarted_diagnosis_identifies_failures(session, while_looking):
     """Free since before anybody looked is named as locked: without force, a strut stands."""
     session.advance(LEARNED)
     if while_looking:
@@ -180,7 +180,7 @@ def test_diagnosis_that_is_switched_on_again_names_what_is_broken(session, while
 
 
 @pytest.mark.long
-def test_diagnosis_that_never_saw_the_sound_machine_says_that_it_learns(session):
+def test_diagnosis_without_calibration_reports_that_it_learns(session):
     session.advance(100)
     session.diagnose(False)
     session.diagnose(True)

@@ -22,7 +22,7 @@ def flown(one: Rig, ticks: int) -> tuple[LiveRun, np.ndarray, np.ndarray]:
     return flight, site.xpos.copy(), site.xmat.reshape(3, 3).copy()
 
 
-def test_where_a_tool_is_drawn_it_is():
+def test_tool_is_drawn_at_its_position():
     one = rig("arm", major=(3, 4, 5))
     flight, place, _ = flown(one, 40)
     drawn = Pointer(one, *flight.frame).at(flight.motion(slice(39, 40))[2], 1.0)[0]
@@ -30,7 +30,7 @@ def test_where_a_tool_is_drawn_it_is():
     assert np.linalg.norm(drawn - flight.frame[0]) > 1e-6
 
 
-def test_where_the_hexapod_is_drawn_to_point_it_points():
+def test_hexapod_is_drawn_in_its_pointing_direction():
     """Whatever the rows that do not matter do: they turn it about the axis it points along."""
     (flight, _, turned), (_, _, before) = (flown(rig("hexapod"), ticks) for ticks in (40, 1))
     pointer = Pointer(rig("hexapod"), *flight.frame)

@@ -18,7 +18,7 @@ NEEDS_DRIVER = pytest.mark.skipif(
 )
 
 
-class Kept(NamedTuple):
+class Recorded(NamedTuple):
     """A recording, its rig and its run."""
 
     file: Path
@@ -27,7 +27,7 @@ class Kept(NamedTuple):
 
 
 @pytest.fixture(scope="session")
-def kept(tmp_path_factory) -> Kept:
+def recorded(tmp_path_factory) -> Recorded:
     """An arm, of no file of `models/`, whose second motor locks on the way; and its recording."""
     folder = tmp_path_factory.mktemp("run")
     (folder / "own.xml").write_text((MODELS / "arm.xml").read_text() + "\n")
@@ -35,7 +35,7 @@ def kept(tmp_path_factory) -> Kept:
     path = rig.path("circle", duration_s=0.3, turn_s=0.3)
     run = rig.fly(rig.controller(), path, failures=[fjh.Failure("motor2", "locked", 0.1)])
     fjh.record(folder / "new" / "run.rrd", rig, run)
-    return Kept(folder / "new" / "run.rrd", rig, run)
+    return Recorded(folder / "new" / "run.rrd", rig, run)
 
 
 @pytest.fixture(scope="session")

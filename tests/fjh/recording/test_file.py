@@ -11,7 +11,7 @@ from fjh.recording.file import RecordingInfo, log_series, recording_file, screen
 from fjh.study.files import published
 
 
-def test_recordings_that_differ_are_two_to_the_viewer():
+def test_different_recordings_have_different_identities():
     """It merges those of one identity."""
     one = RecordingInfo("table1-W_a-seed0", "W_a", "notes", {"seed": 0})
     assert one.identity == replace(one).identity
@@ -20,7 +20,7 @@ def test_recordings_that_differ_are_two_to_the_viewer():
     assert re.fullmatch(r"[\w-]+", replace(one, recording_id="a/b c.d").identity)
 
 
-def test_what_the_writer_complains_of_is_an_error_and_leaves_nothing(tmp_path):
+def test_error_of_the_writer_leaves_no_file(tmp_path):
     """Strict mode: three times and two values would else be a warning, and no data."""
     about = RecordingInfo("x", "x", "notes", {"seed": 0})
     nothing = screen(rrb.Horizontal(rrb.TextDocumentView(origin="notes")))

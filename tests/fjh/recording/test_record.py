@@ -38,41 +38,41 @@ ARM = {"/task/true": ("true", 1e6), "/actuators/displacement": ("displacement", 
 
 
 @pytest.mark.parametrize("signals", [HEXAPOD, ARM], ids=["hexapod", "arm"])
-def test_a_recording_holds_the_signals_of_the_run_to_the_bit(kept, made, signals):
+def test_a_recording_holds_the_signals_of_the_run_to_the_bit(recorded, made, signals):
     """Each line has a name with its unit."""
-    file = made / "made.rrd" if signals is HEXAPOD else kept.file
+    file = made / "made.rrd" if signals is HEXAPOD else recorded.file
     with np.load(file.with_suffix(".npz")) as arrays:
         for entity, (name, factor) in signals.items():
             times, values = rrd.scalars(file, entity)
-            ours = factor * arrays[name][::EVERY]
-            np.testing.assert_array_equal(values, ours.reshape(values.shape), err_msg=entity)
+            reference = factor * arrays[name][::EVERY]
+            np.testing.assert_array_equal(values, reference.reshape(values.shape), err_msg=entity)
             np.testing.assert_array_equal(times, np.rint(1e9 * arrays["time_s"][::EVERY]))
             names = rrd.static(file, entity, "SeriesLines:names")
             assert len(names) == values.shape[1]
             assert all(re.search(r"\[(u|n)?(rad|m|%)\]$", each) for each in names)
 
 
-def test_error_and_arrays_are_those_of_the_run(kept):
-    file, _, run = kept
+def test_error_and_arrays_are_those_of_the_run(recorded):
+    file, _, run = recorded
     _, error = rrd.scalars(file, "/task/error")
     np.testing.assert_array_equal(error, 1e6 * (run.desired - run.true)[::EVERY])
     with np.load(file.with_suffix(".npz")) as arrays:
         np.testing.assert_equal(dict(arrays), run.arrays)
 
 
-def test_missing_samples_of_a_sensor_are_missing_and_read_back_so(kept, tmp_path):
-    _, rig, run = kept
+def test_missing_samples_of_a_sensor_are_read_back_as_missing(recorded, tmp_path):
+    _, rig, run = recorded
     measured = run.measured.copy()
     measured[100:150] = np.nan
     record(tmp_path / "lost.rrd", rig, replace(run, measured=measured))
-    _, shown = rrd.scalars(tmp_path / "lost.rrd", "/task/measured")
-    np.testing.assert_array_equal(shown, 1e6 * measured[::EVERY])
+    _, logged = rrd.scalars(tmp_path / "lost.rrd", "/task/measured")
+    np.testing.assert_array_equal(logged, 1e6 * measured[::EVERY])
     read = read_run(tmp_path / "lost.npz", rig.file).view
     np.testing.assert_array_equal(read.arrays["measured"], measured)
 
 
-def test_bodies_are_where_mujoco_puts_them_at_the_angles_of_the_run(kept):
-    file, rig, run = kept
+def test_bodies_are_where_mujoco_puts_them_at_the_angles_of_the_run(recorded):
+    file, rig, run = recorded
     times, places = rrd.rows(file, "/machine/bodies/camera", "Transform3D:translation")
     assert len(set(times)) == 8  # 25 Hz; at the first time there is also the pose of the file
     data, expected = mujoco.MjData(rig.model), []
@@ -83,33 +83,33 @@ def test_bodies_are_where_mujoco_puts_them_at_the_angles_of_the_run(kept):
     np.testing.assert_allclose(np.array(places)[-7:, 0], expected, atol=1e-7)
 
 
-def test_the_failed_actuators_body_is_marked_from_its_failure_on(kept):
-    times, labels = rrd.rows(kept.file, "/machine/labels/failure_0/text", "Points3D:labels")
+def test_the_failed_actuators_body_is_marked_from_its_failure_on(recorded):
+    times, labels = rrd.rows(recorded.file, "/machine/labels/failure_0/text", "Points3D:labels")
     assert (times.tolist(), labels) == ([100_000_000], [["motor2 locked"]])
     for geom, changes in (("link1/geom_2", []), ("link2/geom_4", [100_000_000])):
         entity = f"/machine/visual_geometries/{geom}"
-        times, _ = rrd.rows(kept.file, entity, "Capsules3D:colors")
+        times, _ = rrd.rows(recorded.file, entity, "Capsules3D:colors")
         assert times[times > 0].tolist() == changes
 
 
-def test_a_failure_has_the_first_diagnosis_since_it_and_no_false_alarm(kept):
-    _, rig, run = kept
+def test_a_failure_has_the_first_diagnosis_since_it_and_no_false_alarm(recorded):
+    _, rig, run = recorded
     diagnoses = Diagnosed("motor2", "weak", 0.05, None), Diagnosed("motor2", "locked", 0.2, None)
     view = view_of(rig, replace(run, diagnoses=diagnoses))
-    ((bodies, words),) = view.failing
+    ((bodies, texts),) = view.failing
     assert list(bodies) == ["link2"]
-    assert [time_s for time_s, _ in words] == [0.1, 0.2]
-    assert words[1][1] == "motor2 locked, diagnosed as locked after 100 ms"
+    assert [time_s for time_s, _ in texts] == [0.1, 0.2]
+    assert texts[1][1] == "motor2 locked, diagnosed as locked after 100 ms"
     assert view.diagnosis_of(view.failures[0]) == Change("motor2", "locked", 0.2)
-    unfound = view_of(rig, replace(run, diagnoses=diagnoses[:1]))
-    assert unfound.diagnosis_of(unfound.failures[0]) is None
+    undiagnosed = view_of(rig, replace(run, diagnoses=diagnoses[:1]))
+    assert undiagnosed.diagnosis_of(undiagnosed.failures[0]) is None
 
 
-def test_every_event_is_in_the_list_and_among_the_states(kept, tmp_path):
-    _, rig, run = kept
-    named = Diagnosed("motor2", "free", 0.15, 0.18), Diagnosed("motor2", "locked", 0.2, None)
+def test_every_event_is_in_the_list_and_among_the_states(recorded, tmp_path):
+    _, rig, run = recorded
+    identified = Diagnosed("motor2", "free", 0.15, 0.18), Diagnosed("motor2", "locked", 0.2, None)
     file = tmp_path / "a.rrd"
-    record(file, rig, replace(run, diagnoses=named, events=(Event("stuck", 0.05),)))
+    record(file, rig, replace(run, diagnoses=identified, events=(Event("stuck", 0.05),)))
     when = {"stuck": 50, "motor2 locked": 100, "diagnosis: motor2 free": 150}
     when |= {"motor2 cleared": 180, "diagnosis: motor2 locked": 200}
     times, texts = rrd.rows(file, "/events", "TextLog:text")
@@ -119,7 +119,7 @@ def test_every_event_is_in_the_list_and_among_the_states(kept, tmp_path):
 
 
 @pytest.mark.long
-def test_who_records_keeps_his_settings_of_matplotlib():
+def test_recording_does_not_change_settings_of_matplotlib():
     """A notebook's figures still appear, in its own style."""
     code = """
 import matplotlib
@@ -145,8 +145,8 @@ def results(*incidents: Change, diagnoses: Sequence[Change] = (), **about):
 def test_the_errors_before_and_after_a_failure_are_those_of_the_whole_run():
     """Their sums of squares add up; and rows add up to all."""
     held, error = results(LOCK), made_run().error
-    before, after = 100 * held["rms_before_rad"] ** 2, 300 * held["rms_after_rad"] ** 2
-    assert before + after == pytest.approx((error**2).sum())
+    former, after = 100 * held["rms_before_rad"] ** 2, 300 * held["rms_after_rad"] ** 2
+    assert former + after == pytest.approx((error**2).sum())
     both = np.hypot(held["rms_after_alpha_rad"], held["rms_after_beta_rad"])
     assert held["rms_after_rad"] == pytest.approx(both)
 

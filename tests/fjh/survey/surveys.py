@@ -30,8 +30,8 @@ def of_robot(
     return survey_system(system, postures, seed, lambda done, total: None)
 
 
-def of_matrix(file: Path, **given: str | None) -> Survey:
-    arguments = dict.fromkeys(("lower", "upper", "major", "hold")) | given
+def of_matrix(file: Path, **options: str | None) -> Survey:
+    arguments = dict.fromkeys(("lower", "upper", "major", "hold")) | options
     return survey_system(matrix_system(file, **arguments), 0, 0, lambda done, total: None)
 
 
@@ -39,10 +39,10 @@ def conditions(survey: Survey) -> pd.DataFrame:
     return condition_frame(survey).set_index("failed")
 
 
-def speeds(examined: Examined) -> np.ndarray:
+def speeds(analysis: Examined) -> np.ndarray:
     """The worst speeds, which were computed."""
-    assert examined.left.worst_speed is not None
-    return examined.left.worst_speed
+    assert analysis.left.worst_speed is not None
+    return analysis.left.worst_speed
 
 
 def written(file: Path, B: Any) -> Path:

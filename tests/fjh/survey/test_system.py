@@ -26,7 +26,7 @@ B = np.random.default_rng(3).normal(size=(3, 5))
         "tabs.tsv": "\ufeffa\tb\tc\n1\t2\t0\n0\t1\t3\n",
     }.items(),
 )
-def test_a_matrix_is_the_same_with_names_and_without(tmp_path, name, text):
+def test_matrix_is_the_same_with_and_without_names(tmp_path, name, text):
     (tmp_path / name).write_text(text)
     system = matrix_system(tmp_path / name, None, None, None, None)
     np.testing.assert_array_equal(system.constrained_system.J_T, [[1, 2, 0], [0, 1, 3]])
@@ -39,7 +39,7 @@ def test_a_matrix_is_the_same_with_names_and_without(tmp_path, name, text):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("a,b,c\n", "has no numbers"),
         ("1,2\n3\n", "row 2, column 2 must be a number below"),
@@ -50,15 +50,15 @@ def test_a_matrix_is_the_same_with_names_and_without(tmp_path, name, text):
         pytest.param("1," * 200 + "1\n", "1 to 200 rows", id="wide"),
     ],
 )
-def test_a_file_that_is_no_matrix_is_refused_in_one_sentence(tmp_path, text, said):
+def test_invalid_matrix_file_is_rejected_in_one_sentence(tmp_path, text, message):
     (tmp_path / "B.csv").write_text(text)
-    with pytest.raises(WrongInput, match=said) as refused:
+    with pytest.raises(WrongInput, match=message) as error:
         matrix_system(tmp_path / "B.csv", None, None, None, None)
-    assert "B.csv" in str(refused.value) and "\n" not in str(refused.value)
+    assert "B.csv" in str(error.value) and "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("arguments", "message"),
     [
         (["--lower", "1", "--upper", "-1"], "--lower of u1 is above its --upper: 1 > -1"),
         (["--upper", "L.csv"], "with 3"),
@@ -68,11 +68,13 @@ def test_a_file_that_is_no_matrix_is_refused_in_one_sentence(tmp_path, text, sai
         ([str(MODELS / "arm.xml")], "one of them is surveyed at a time"),
     ],
 )
-def test_what_a_matrix_cannot_be_asked_is_refused(tmp_path, refused, monkeypatch, words, said):
+def test_invalid_options_of_a_matrix_are_rejected(
+    tmp_path, refused, monkeypatch, arguments, message
+):
     monkeypatch.chdir(tmp_path)
     written(tmp_path / "B.csv", B[:2])
     written(tmp_path / "L.csv", np.ones((1, 3)))
-    assert said in refused("survey", "--matrix", "B.csv", *words, "--out", "out")
+    assert message in refused("survey", "--matrix", "B.csv", *arguments, "--out", "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -80,20 +82,20 @@ def test_limits_come_from_files_of_numbers_in_a_row_or_a_column(tmp_path):
     file = written(tmp_path / "B.csv", B)
     upper = written(tmp_path / "U.csv", np.arange(1.0, 6.0)[None])
     column = written(tmp_path / "V.csv", np.arange(1.0, 6.0)[:, None])
-    found = [of_matrix(file, lower="-1", upper=str(each)).start for each in (upper, column)]
-    np.testing.assert_array_equal(speeds(found[0]), speeds(found[1]))
+    starts = [of_matrix(file, lower="-1", upper=str(limits)).start for limits in (upper, column)]
+    np.testing.assert_array_equal(speeds(starts[0]), speeds(starts[1]))
     kin = ConstrainedSystem(B, None, range(5)).kinematics()
     radius = kin.attainable(range(3), (-1, range(1, 6))).radius
-    assert speeds(found[0])[0] == pytest.approx(radius)
+    assert speeds(starts[0])[0] == pytest.approx(radius)
 
 
 def test_velocity_actuators_limit_rates_and_gears_count():
-    file, words = TEST_MODELS / "stretched.xml", {"site": "tip", "axes": None, "major": "4"}
-    found = of_robot(file, **words)
-    system, healthy = found.system, conditions(found).loc["sound"]
+    file, task = TEST_MODELS / "stretched.xml", {"site": "tip", "axes": None, "major": "4"}
+    survey = of_robot(file, **task)
+    system, healthy = survey.system, conditions(survey).loc["sound"]
     assert np.isnan(healthy.worst_speed_m_per_s) and healthy.speed_left == 1.0
     np.testing.assert_allclose(system.rates, [[-0.5, -1, -np.inf], [0.5, 3, np.inf]])
     assert system.sources["rates"] is not None and system.torques is not None
     np.testing.assert_allclose(system.torques[1], [np.inf, np.inf, 7])
-    given = of_robot(file, lower="-2", upper="2", **words).system
-    np.testing.assert_array_equal(given.rates, [[-2] * 3, [2] * 3])
+    stated = of_robot(file, lower="-2", upper="2", **task).system
+    np.testing.assert_array_equal(stated.rates, [[-2] * 3, [2] * 3])
