@@ -8,7 +8,7 @@ from playwright.sync_api import ViewportSize
 
 from fjh.rig import Rig
 from sim import MODELS
-from tests.fjh.live.browser import Seen, browsed, free_port, served
+from tests.fjh.live.browser import BrowserPage, browsed, free_port, served
 
 SIZE: ViewportSize = {"width": 1400, "height": 900}
 SINCE_S = 4.0
@@ -24,13 +24,13 @@ def main(folder: Path) -> None:
     with browsed() as browser, tempfile.TemporaryDirectory() as out:
         for name, (words, actuator, word) in SHOWN.items():
             with served(Path(out), *words, "--port", str(free_port())) as (_, url):
-                page = Seen(browser.new_page(viewport=SIZE), url)
+                page = BrowserPage(browser.new_page(viewport=SIZE), url)
                 # That the browser draws without a graphics card.
                 notice = page.page.get_by_role("alert").filter(has_text="Software WebGL")
                 notice.get_by_role("button").click()
-                begin = page.until(lambda said: "believed sound" in said.supervised).clock_s
+                start = page.until(lambda text: "believed sound" in text.supervised).clock_s
                 page.make(actuator, word)
-                page.until(lambda said, end=begin + SINCE_S: said.clock_s > end)
+                page.until(lambda text, end=start + SINCE_S: text.clock_s > end)
                 page.page.screenshot(path=folder / f"{name}.png")
                 page.page.close()
 

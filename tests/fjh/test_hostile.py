@@ -136,12 +136,12 @@ def rigs() -> Room:
         "time_s": 0.005,
     }
 
-    def flown(controller: Any) -> Any:
+    def simulated(controller: Any) -> Any:
         run = rig.fly(controller, np.zeros((3, 2)))
         return run.true, run.status
 
     uses = {
-        **dict.fromkeys(("Supervisor", "PrioritizedController", "OracleController"), flown),
+        **dict.fromkeys(("Supervisor", "PrioritizedController", "OracleController"), simulated),
         "Manipulability": lambda found: found.worst_gain,
         "Prediction": lambda found: found.rms_before,  # none is after where nothing fails
         "Run": lambda run: (run.true, run.measured),

@@ -31,28 +31,28 @@ window.cancelAnimationFrame = clearTimeout;
 _PATIENCE_S = 120.0
 _LONG_S = 3.0
 """Longer than a click takes: after it, new machines are younger than the former ones were."""
-_SAID = re.compile(
+_TEXT_PATTERN = re.compile(
     r"([\d.]+) s, [\d.]+ of real time\n+State: (.*)\n+supervised [^\n]* RMS\n(.*)\n+"
     r"not supervised [^\n]* RMS\n.*\n+(?:(.*)\n+)?Error, %"
 )
 
 
 @dataclass(frozen=True)
-class Said:
+class PageText:
     """Time of the machines, what happens, what the supervised one believes, the last click."""
 
     clock_s: float
-    happens: str
+    active: str
     supervised: str
     last: str
 
-    def named(self, actuator: str) -> list[str]:
+    def diagnosed_kinds(self, actuator: str) -> list[str]:
         """What kinds an actuator is taken for, such as free or weak."""
-        found = re.match(rf"{actuator} is ([\w ]+)", self.supervised, re.IGNORECASE)
-        return found[1].split(" or ") if found else []
+        matched = re.match(rf"{actuator} is ([\w ]+)", self.supervised, re.IGNORECASE)
+        return matched[1].split(" or ") if matched else []
 
 
-class Seen:
+class BrowserPage:
     """A page of a browser, by what a person sees of it and does with it."""
 
     def __init__(self, page: Page, url: str, picture_s: float = 1.0) -> None:
@@ -63,14 +63,14 @@ class Seen:
         page.goto(url)
         self.until(lambda said: said.clock_s > 0)
 
-    def until(self, holds: Callable[[Said], bool]) -> Said:
+    def until(self, holds: Callable[[PageText], bool]) -> PageText:
         """What it says when something holds of it."""
         end = time.monotonic() + _PATIENCE_S
         while True:
             text = self.page.locator("body").inner_text()
-            if found := _SAID.search(text):
-                clock_s, happens, supervised, last = found.groups(default="")
-                said = Said(float(clock_s), happens, supervised, last)
+            if matched := _TEXT_PATTERN.search(text):
+                clock_s, active, supervised, last = matched.groups(default="")
+                said = PageText(float(clock_s), active, supervised, last)
                 if holds(said):
                     return said
             assert time.monotonic() < end, f"the page still says {text}"
@@ -78,9 +78,9 @@ class Seen:
 
     def make(self, actuator: str, word: str) -> None:
         """Click a word beside the name of an actuator."""
-        self.beside(actuator).get_by_role("button", name=word, exact=True).click()
+        self.row_of(actuator).get_by_role("button", name=word, exact=True).click()
 
-    def beside(self, label: str) -> Locator:
+    def row_of(self, label: str) -> Locator:
         """The row of a label."""
         name = self.page.get_by_text(label, exact=True)
         return name.locator("xpath=ancestor::div[.//button or .//input][1]")
@@ -95,13 +95,13 @@ class Seen:
 
     def field(self, slider: str) -> Locator:
         """Where its number is written."""
-        return self.beside(slider).locator("input[inputmode=decimal]")
+        return self.row_of(slider).locator("input[inputmode=decimal]")
 
-    def renew(self) -> Said:
+    def renew(self) -> PageText:
         """New machines, when the diagnosis has learned what they are like."""
-        before = self.until(lambda said: said.clock_s > _LONG_S).clock_s
+        former = self.until(lambda said: said.clock_s > _LONG_S).clock_s
         self.click("New machines")
-        self.until(lambda said: said.clock_s < before)
+        self.until(lambda said: said.clock_s < former)
         return self.until(lambda said: said.supervised == "All actuators are believed sound.")
 
 
@@ -116,21 +116,21 @@ def browsed() -> Iterator[Browser]:
         browser.close()
 
 
-def live(folder: Path, *words: str) -> "subprocess.Popen[str]":
+def live(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
     """`fjh live` with these words."""
-    return started("-m", "experiments", "live", *words, "--out", str(folder))
+    return started("-m", "experiments", "live", *arguments, "--out", str(folder))
 
 
 @contextmanager
-def served(folder: Path, *words: str) -> "Iterator[tuple[subprocess.Popen[str], str]]":
+def served(folder: Path, *arguments: str) -> "Iterator[tuple[subprocess.Popen[str], str]]":
     """The command and the address of its page, from when it is there to the end of the block."""
-    process = live(folder, *words)
+    process = live(folder, *arguments)
     try:
         assert process.stdout and process.stderr
         line = process.stdout.readline()
-        found = re.search(r"http://127\.0\.0\.1:\d+", line)
-        assert found, line + process.stderr.read()
-        yield process, found[0]
+        matched = re.search(r"http://127\.0\.0\.1:\d+", line)
+        assert matched, line + process.stderr.read()
+        yield process, matched[0]
     finally:
         process.kill()
         process.communicate()
@@ -145,5 +145,9 @@ def free_port() -> int:
 
 def listens(process: int) -> list[tuple[str, int]]:
     """Addresses and ports at which a process listens."""
-    found = psutil.Process(process).net_connections("inet")
-    return [each.laddr[:2] for each in found if each.status == psutil.CONN_LISTEN]
+    connections = psutil.Process(process).net_connections("inet")
+    return [
+        connection.laddr[:2]
+        for connection in connections
+        if connection.status == psutil.CONN_LISTEN
+    ]

@@ -12,18 +12,18 @@ from playwright.sync_api import Browser
 from fjh.live.page import PORT
 from fjh.recording.properties import properties_of
 from sim import MODELS
-from tests.fjh.live import browser as seen
+from tests.fjh.live import browser as pages
 from tests.processes import ended
 
 pytestmark = [pytest.mark.long, pytest.mark.usefixtures("alone")]
 KINDS = {"weak": "weak", "lock": "locked", "free": "free"}
 """Each of new machines: one kind after another of the same strut is not always told apart."""
-SOUND = "All actuators are believed sound"
+HEALTHY = "All actuators are believed sound"
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    with seen.browsed() as one:
+    with pages.browsed() as one:
         yield one
 
 
@@ -43,16 +43,16 @@ def test_the_command_listens_on_the_loopback_interface_alone(tmp_path):
         with suppress(OSError):  # somebody else's has it already, which will do
             taken.bind(("127.0.0.1", PORT))
             taken.listen()
-        with seen.served(tmp_path / "out") as (process, url):
-            [(host, port)] = seen.listens(process.pid)
+        with pages.served(tmp_path / "out") as (process, url):
+            [(host, port)] = pages.listens(process.pid)
             assert host == "127.0.0.1" and port > PORT and url.endswith(f":{port}")
 
 
 def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(browser, tmp_path):
     """In the middle of the writing of a recording: it is there whole, or not at all."""
     folder = tmp_path / "out"
-    with seen.served(folder, "--port", str(seen.free_port())) as (process, url):
-        page = seen.Seen(browser.new_page(viewport=seen.SMALL), url)
+    with pages.served(folder, "--port", str(pages.free_port())) as (process, url):
+        page = pages.BrowserPage(browser.new_page(viewport=pages.SMALL), url)
         page.click("Save the last minute")
         wait_for(lambda: any(folder.glob("*")))  # the writing has begun
         page.page.close()
@@ -64,8 +64,8 @@ def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(brows
 
 
 def test_interruption_before_the_page_is_served_is_one_sentence(tmp_path):
-    process = seen.live(tmp_path / "out", "--port", str(seen.free_port()))
-    wait_for(lambda: any(seen.listens(process.pid)))
+    process = pages.live(tmp_path / "out", "--port", str(pages.free_port()))
+    wait_for(lambda: any(pages.listens(process.pid)))
     process.send_signal(signal.SIGINT)
     ended(process, signal.SIGINT)
     assert not (tmp_path / "out").exists()
@@ -78,17 +78,17 @@ def test_interruption_before_the_page_is_served_is_one_sentence(tmp_path):
 def address(tmp_path_factory) -> Iterator[str]:
     """Of the command for all tests that do not end it."""
     folder = tmp_path_factory.mktemp("live") / "out"
-    with seen.served(folder, "--port", str(seen.free_port())) as (_, url):
+    with pages.served(folder, "--port", str(pages.free_port())) as (_, url):
         yield url
 
 
 @pytest.fixture(scope="module")
-def first(browser, address) -> seen.Seen:
-    return seen.Seen(browser.new_page(viewport=seen.SMALL), address)
+def first(browser, address) -> pages.BrowserPage:
+    return pages.BrowserPage(browser.new_page(viewport=pages.SMALL), address)
 
 
 @pytest.fixture
-def page(first) -> seen.Seen:
+def page(first) -> pages.BrowserPage:
     """With new machines, when the diagnosis has learned what they are like."""
     first.renew()
     return first
@@ -101,12 +101,12 @@ def test_failed_strut_is_identified_and_repaired_strut_cleared(page, strut):
     for word, kind in KINDS.items():
         page.renew()
         page.make(strut, word)
-        said = page.until(lambda said, kind=kind: kind in said.named(strut))
-        assert said.happens == f"{strut} {kind}"
-        page.beside(strut).get_by_role("button", name=f"● {word}", exact=True).wait_for()
+        text = page.until(lambda text, kind=kind: kind in text.diagnosed_kinds(strut))
+        assert text.active == f"{strut} {kind}"
+        page.row_of(strut).get_by_role("button", name=f"● {word}", exact=True).wait_for()
     page.make(strut, "healthy")
     assert (
-        page.until(lambda said: said.supervised.startswith(SOUND)).happens
+        page.until(lambda text: text.supervised.startswith(HEALTHY)).active
         == "all actuators are healthy"
     )
 
@@ -114,49 +114,49 @@ def test_failed_strut_is_identified_and_repaired_strut_cleared(page, strut):
 @pytest.mark.night
 def test_bump_and_stuck_sensor_are_reported_and_diagnosis_is_switched(page):
     page.click("Bump")
-    page.until(lambda said: said.last.startswith("Bumped: 5/54 of the payload's weight"))
+    page.until(lambda text: text.last.startswith("Bumped: 5/54 of the payload's weight"))
     page.tick("Stuck sensor")
-    page.until(lambda said: "repeats one value" in said.supervised)
+    page.until(lambda text: "repeats one value" in text.supervised)
     page.tick("Stuck sensor")
-    for believed in ("No diagnosis", SOUND):
+    for status in ("No diagnosis", HEALTHY):
         page.tick("Diagnosis")
-        page.until(lambda said, believed=believed: said.supervised.startswith(believed))
+        page.until(lambda text, status=status: text.supervised.startswith(status))
 
 
 @pytest.mark.night
 def test_two_pages_share_one_session_and_can_be_closed_independently(browser, address, page):
     """What is clicked on one shows on the other, the elements too."""
-    other = seen.Seen(browser.new_page(viewport=seen.SMALL), address, picture_s=10.0)
+    other = pages.BrowserPage(browser.new_page(viewport=pages.SMALL), address, picture_s=10.0)
     other.make("strut2", "free")
     for each in (page, other):
-        each.until(lambda said: said.supervised.startswith("strut2 is free"))
+        each.until(lambda text: text.supervised.startswith("strut2 is free"))
     for each in (other, page):
         each.page.get_by_text("Weights: cost of motion").click()
     other.field("W1 strut5").fill("7.5")
     other.field("W1 strut5").press("Enter")
     page.until(lambda _: page.field("W1 strut5").input_value() == "7.5")
     other.page.close()
-    begin = page.until(lambda _: True).clock_s
-    page.until(lambda said: said.clock_s > begin + 0.5)
+    start = page.until(lambda _: True).clock_s
+    page.until(lambda text: text.clock_s > start + 0.5)
     page.make("strut2", "healthy")
     page.until(
-        lambda said: (
-            said.happens == "all actuators are healthy" and said.supervised.startswith(SOUND)
+        lambda text: (
+            text.active == "all actuators are healthy" and text.supervised.startswith(HEALTHY)
         )
     )
 
 
 @pytest.mark.night
 @pytest.mark.parametrize(
-    ("robot", "words", "actuator"),
+    ("robot", "arguments", "actuator"),
     [("arm", "--site payload --major 3,4,5", "motor4"), ("hand", "--major 3,4", "motor1")],
 )
-def test_lock_of_another_robot_is_identified(browser, tmp_path, robot, words, actuator):
-    words = [str(MODELS / f"{robot}.xml"), *words.split(), "--port", str(seen.free_port())]
-    with seen.served(tmp_path / "out", *words) as (_, url):
-        page = seen.Seen(browser.new_page(viewport=seen.SMALL), url)
-        page.until(lambda said: said.supervised.startswith(SOUND))
+def test_lock_of_another_robot_is_identified(browser, tmp_path, robot, arguments, actuator):
+    arguments = [str(MODELS / f"{robot}.xml"), *arguments.split(), "--port", str(pages.free_port())]
+    with pages.served(tmp_path / "out", *arguments) as (_, url):
+        page = pages.BrowserPage(browser.new_page(viewport=pages.SMALL), url)
+        page.until(lambda text: text.supervised.startswith(HEALTHY))
         page.make(actuator, "lock")
-        said = page.until(lambda said: "locked" in said.named(actuator))
-        assert said.happens == f"{actuator} locked"
+        text = page.until(lambda text: "locked" in text.diagnosed_kinds(actuator))
+        assert text.active == f"{actuator} locked"
         page.page.close()

@@ -72,18 +72,18 @@ def test_invalid_values_are_rejected_and_values_beyond_a_range_clamped(page, cap
         next(uuid for uuid, h in handles.items() if getattr(h, "label", "") == label)
         for label in ("strut2", "W1 strut3", "motion times")
     )
-    before = {uuid: handle.value for uuid, handle in handles.items()}
+    former = {uuid: handle.value for uuid, handle in handles.items()}
     with connected(page, "http://127.0.0.1:{port}") as client:
 
         def send(message: Any) -> None:
             raw = message if isinstance(message, str | bytes) else msgspec.msgpack.encode(message)
             client.send(raw)
 
-        for wrong in (
+        for invalid in (
             *({"position": (np.nan, 0, 0)}, {"wxyz": (0, 0, 0, 0)}, {"fov": "wide"}),
             *({"image_height": 0}, {"look_at": (1, 2)}, {"position": (0, 0, 0)}, {"more": 1}, {}),
         ):
-            send(CAMERA | wrong)
+            send(CAMERA | invalid)
         for uuid in handles:
             for value in NO_VALUES:
                 send(updated(uuid, value=value))
@@ -100,7 +100,7 @@ def test_invalid_values_are_rejected_and_values_beyond_a_range_clamped(page, cap
         until(page, lambda: page.session.states[1] == "free")
         until(page, lambda: page._stage.factor == handles[times].max)
         until(page, lambda: page.session.goal.joint_weight == (1.0, 1.0, 0.1, 1.0, 1.0, 1.0))
-    changed = {uuid for uuid, handle in handles.items() if handle.value != before[uuid]}
+    changed = {uuid for uuid, handle in handles.items() if handle.value != former[uuid]}
     assert changed == {group, weight, times}
     page.show()
     assert handles[group].options == ("healthy", "lock", "● free", "weak")

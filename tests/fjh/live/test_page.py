@@ -10,25 +10,25 @@ from sim import ModelError, SimulationDiverged
 
 def test_clicks_are_carried_out_within_five_ticks(page: Page, monkeypatch):
     """Clicked while the machines move: at the first tick of each batch."""
-    advance, asked, done = page.session.advance, list[int](), list[int]()
+    advance, start_ticks, done = page.session.advance, list[int](), list[int]()
 
     def clicked(ticks: int) -> int:
-        asked.append(page.session.tick)
+        start_ticks.append(page.session.tick)
         page._clicks.put(lambda: done.append(page.session.tick))
         return advance(ticks)
 
     monkeypatch.setattr(page.session, "advance", clicked)
     page.advance(0.043, until=np.inf)
-    assert len(done) == len(asked) >= 8
-    assert all(0 < then - at <= 5 for at, then in zip(asked, done, strict=True))
+    assert len(done) == len(start_ticks) >= 8
+    assert all(0 < then - at <= 5 for at, then in zip(start_ticks, done, strict=True))
 
 
 def test_delay_of_the_clock_is_not_caught_up(page):
     """Nothing is done after the time of a frame; a second that is short is not made up for."""
     assert page.advance(1.0, until=-np.inf) == 0.0
-    begin = page.session.tick
+    start = page.session.tick
     assert page.advance(0.003, until=np.inf) == pytest.approx(0.003)
-    assert page.session.tick == begin + 3
+    assert page.session.tick == start + 3
 
 
 @pytest.mark.parametrize("error", [ModelError("no lock"), WrongInput("no"), OSError("disk full")])

@@ -26,10 +26,13 @@ def test_last_minute_is_read_back_from_the_next_recording(tmp_path):
     session.disturb("bump")
     session.advance(60)
     assert save_recording(tmp_path, session) == f"The last 0 s are in {file}."
-    assert {each.name for each in tmp_path.iterdir()} == {"live_1.rrd", "live_2.rrd"}
+    assert {incident.name for incident in tmp_path.iterdir()} == {"live_1.rrd", "live_2.rrd"}
     stated = json.loads(properties_of(file)["flight"])
-    happened = {(each["actuator"], each["kind"], each["time_s"]) for each in stated["incidents"]}
-    assert happened == {
+    incidents = {
+        (incident["actuator"], incident["kind"], incident["time_s"])
+        for incident in stated["incidents"]
+    }
+    assert incidents == {
         *(("strut1", "locked", 0.02), ("strut1", "sound", 0.04), ("strut4", "weak", 0.04)),
         (None, "bump", 0.04),
     }

@@ -144,18 +144,18 @@ def results(*incidents: Change, diagnoses: Sequence[Change] = (), **about):
 
 def test_the_errors_before_and_after_a_failure_are_those_of_the_whole_run():
     """Their sums of squares add up; and rows add up to all."""
-    held, error = results(LOCK), made_run().error
-    former, after = 100 * held["rms_before_rad"] ** 2, 300 * held["rms_after_rad"] ** 2
+    entries, error = results(LOCK), made_run().error
+    former, after = 100 * entries["rms_before_rad"] ** 2, 300 * entries["rms_after_rad"] ** 2
     assert former + after == pytest.approx((error**2).sum())
-    both = np.hypot(held["rms_after_alpha_rad"], held["rms_after_beta_rad"])
-    assert held["rms_after_rad"] == pytest.approx(both)
+    both = np.hypot(entries["rms_after_alpha_rad"], entries["rms_after_beta_rad"])
+    assert entries["rms_after_rad"] == pytest.approx(both)
 
 
 def test_the_first_failure_is_diagnosed_or_not():
-    held = results(LOCK, diagnoses=[Change("strut2", "locked", 0.15)])
-    assert held["failures"] == "strut2 locked at 0.1 s"
-    assert (held["actuator"], held["kind"], held["failed_s"]) == ("strut2", "locked", 0.1)
-    assert (held["named_s"], held["named_kind"]) == (pytest.approx(0.05), "locked")
+    entries = results(LOCK, diagnoses=[Change("strut2", "locked", 0.15)])
+    assert entries["failures"] == "strut2 locked at 0.1 s"
+    assert (entries["actuator"], entries["kind"], entries["failed_s"]) == ("strut2", "locked", 0.1)
+    assert (entries["named_s"], entries["named_kind"]) == (pytest.approx(0.05), "locked")
     assert not {"named_s", "named_kind"} & set(results(LOCK))
     healthy = results()
     assert healthy["failures"] == "none" and not {"actuator", "kind", "failed_s"} & set(healthy)
@@ -169,10 +169,10 @@ def test_rows_of_several_units_have_no_sum():
 
 
 def test_properties_come_back_from_the_recording(made):
-    held = properties_of(made / "made.rrd")
-    assert (held["seed"], held["study"], held["checks"]) == (0, "made", "passed")
-    assert held["failures"] == "strut1 locked, known at 0 s"
-    assert held["rms_after_alpha_rad"] == made_run().rms()[0]
+    entries = properties_of(made / "made.rrd")
+    assert (entries["seed"], entries["study"], entries["checks"]) == (0, "made", "passed")
+    assert entries["failures"] == "strut1 locked, known at 0 s"
+    assert entries["rms_after_alpha_rad"] == made_run().rms()[0]
 
 
 # What the studies leave.
@@ -186,8 +186,8 @@ def test_every_recording_of_a_study_is_whole_small_and_self_describing(request, 
     applications = {RrdReader(path).recordings()[0].application_id for path in files}
     assert len(applications) == len(files) > 0
     for path in files:
-        held = properties_of(path)
-        assert {"seed", "model_sha256", "version_mujoco", "version_rerun_sdk"} <= set(held), path
+        entries = properties_of(path)
+        assert {"seed", "model_sha256", "version_mujoco", "version_rerun_sdk"} <= set(entries), path
         assert len(RrdReader(path).blueprints()) == 1
         # Of a mechanism in up to ten conditions; the same flight scatters by 0.3 %.
         assert path.stat().st_size < (8e6 if study == "systems" else 3.1e6)
