@@ -1,4 +1,4 @@
-"""Results of studies as frames, and what changed by more than noise between two of them."""
+"""Results of studies as data frames, and comparison of two results."""
 
 import copy
 import json
@@ -24,7 +24,7 @@ TABLE1 = json.loads((DATA / "table1.json").read_text())
 
 @pytest.fixture(autouse=True)
 def working_folder(tmp_path_factory, monkeypatch):
-    """An empty working directory."""
+    """Change to an empty working directory."""
     monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
 
 
@@ -83,7 +83,7 @@ def test_a_table_equals_itself_in_any_order(numbers, rng):
 
 
 def test_two_samples_of_one_distribution_seldom_differ_and_a_shift_is_seen():
-    """The level is that of all columns together."""
+    """The significance level is that of all columns together."""
 
     def rows(seed: int, shift: float = 0.0) -> pd.DataFrame:
         rng = np.random.default_rng(seed)
@@ -119,7 +119,7 @@ def test_nothing_that_is_printed_commands_a_terminal(capsys):
 
 
 def test_runs_checks_and_files_of_every_folder_are_frames():
-    """The first question of docs/find.md, on the published rows."""
+    """Answer the first question of docs/find.md from the published rows."""
     frames = results(DATA)
     late = frames.runs.query("named_s > 0.1 and kind == 'locked' and mismatch == 'all'")
     assert len(late) and set(late.study) == {"recover"}

@@ -1,4 +1,4 @@
-"""`fjh track`: on small paths all goes as the linear model predicts, failures included."""
+"""On small paths `fjh track` agrees with the linear model, also after failures."""
 
 import re
 from dataclasses import fields, replace
@@ -34,7 +34,7 @@ FAILS = {ARM: "motor2", HAND: "motor2", ARMS: "motor2", PLATFORM: "motor1", None
 
 
 def tracked(model: Path | None, seed: int = 0, **options: Any) -> Result:
-    """A run as the command makes it, without its files."""
+    """Return the result of `fjh track` without its files."""
     # A given crossover spares the search, as no dither does its design.
     arguments: dict[str, Any] = {"dither": "none", "turn": 2.0, "duration": 1.0, "model": model}
     arguments |= {"major": MAJOR.get(model, "0,1")} | ({} if model is None else {"crossover": 0.7})
@@ -58,7 +58,7 @@ NOISE = {ARM: 2e-6, PLATFORM: 2e-6, HAND: 5e-7, ARMS: 2e-6, None: None}
 @pytest.mark.long
 @pytest.mark.parametrize(("model", "noise"), NOISE.items())
 def test_without_a_failure_the_error_is_that_of_the_linear_model(model, noise):
-    """A known path through a linear loop; noise is small, as one second averages little."""
+    """The path is deterministic; noise is small, since one second averages little."""
     one = tracked(model, turn=1.0, noise=noise)
     rows, results = one.tables["rows"], one.overall
     np.testing.assert_allclose(rows.rms_before[:2], rows.predicted_rms_before[:2], rtol=0.05)
@@ -81,7 +81,7 @@ LOCKS = [
 @pytest.mark.long
 @pytest.mark.parametrize(("model", "options", "within_s"), LOCKS)
 def test_lock_is_identified_and_error_is_as_predicted_for_its_delay(model, options, within_s):
-    """By the dither, of any robot; the delay costs what the lock does meanwhile."""
+    """The dither isolates the lock for each robot; the prediction includes the delay."""
     failed = FAILS[model]
     one = tracked(model, duration=2.0, fail=[f"{failed}:locked@0.8"], **options)
     [identified] = one.overall["diagnoses"]
@@ -98,7 +98,7 @@ def test_lock_is_identified_and_error_is_as_predicted_for_its_delay(model, optio
 
 @pytest.mark.long
 def test_the_error_at_rest_is_that_of_noise_and_dither():
-    """Nothing else moves; the model without a dither says what noise alone costs."""
+    """Noise and dither alone cause the error; the run without a dither gives the part of noise."""
     at_rest = partial(tracked, ARM, noise=2e-6, turn=1e6, path="steps", duration=0.6)
     one, still = (at_rest(sense="both", dither=dither) for dither in ("10", "none"))
     cost = np.array(one.settings["dither"]["task_motion"]) / np.sqrt(2)
@@ -110,7 +110,7 @@ def test_the_error_at_rest_is_that_of_noise_and_dither():
 
 @pytest.mark.long
 def test_forward_kinematics_reads_the_task_as_well_as_the_encoders_allow():
-    """To first order the noise of the task is that of the encoders through the Jacobian."""
+    """The task noise is to first order the encoder noise mapped by the Jacobian."""
     options: dict[str, Any] = {"sense": "joints", "noise": 1e-6}
     run = run_of(tracked(ARM, duration=0.4, diagnosis="off", **options))
     rig = robot_rig(ARM, RobotOptions(crossover=0.7, **options))
@@ -124,7 +124,7 @@ def test_forward_kinematics_reads_the_task_as_well_as_the_encoders_allow():
 
 
 def test_paths_begin_at_the_start_and_keep_their_size(tmp_path):
-    """That of a file is linear between its samples, and at rest after the last one."""
+    """A path of a file is linear between its samples, and at rest after the last one."""
     time_s, size = np.arange(4000) * 1e-3, 2e-3
     circle = path_of("circle", 3, size, time_s, 2.0, 1e-3)
     np.testing.assert_allclose(np.linalg.norm(circle[:, :2] - [0, size], axis=1), size, rtol=1e-12)
@@ -145,7 +145,7 @@ def test_paths_begin_at_the_start_and_keep_their_size(tmp_path):
 
 @pytest.mark.long
 def test_error_without_diagnosis_is_that_of_a_run_without_diagnosis():
-    """Seed, failures, events and noise are the same: the same numbers to the bit."""
+    """With the same seed, failures, events and noise, numbers are equal to the bit."""
     track_arm = partial(tracked, ARM, fail=["motor2:locked@0.2"], event=["bump@0.3"], duration=0.5)
     done = list[tuple[int, int]]()
     both = track_arm(on_progress=lambda *ticks: done.append(ticks)).overall
@@ -163,7 +163,7 @@ def test_error_without_diagnosis_is_that_of_a_run_without_diagnosis():
 
 @pytest.mark.long
 def test_failure_that_is_not_isolable_is_reported_before_and_after(capfd):
-    """With the option that would, which then does: half a second is enough for it."""
+    """The advised option isolates the failure, for which half a second is enough."""
     unisolable: dict[str, Any] = {"sense": "task", "duration": 0.4, "fail": ["motor1:locked@0.3"]}
     one = tracked(PLATFORM, **unisolable)
     advised = (
@@ -188,7 +188,7 @@ def test_failure_that_is_not_isolable_is_reported_before_and_after(capfd):
     ],
 )
 def test_run_with_a_false_diagnosis_is_not_compared(identified, why):
-    """Nor one that took a lock for a weakness; each says so."""
+    """A run with a lock diagnosed as weak is not compared either; the reason is reported."""
     rig, failure = rig_of("arm", crossover=0.7), Failure(3, "locked", 0.1)
     run = rig.fly(rig.controller(), rig.path("circle", duration_s=0.3, turn_s=1.0))
     run = replace(run, diagnoses=(identified,), failures=(failure,))
@@ -202,7 +202,7 @@ def test_run_with_a_false_diagnosis_is_not_compared(identified, why):
 
 
 def panda(folder: Path, upper: str = "1.7628") -> Path:
-    """A Panda whose second joint has this upper end of its stated range."""
+    """Write a Panda whose second joint has this upper limit."""
     file = folder / f"panda{upper}.xml"
     file.write_text(PANDA.replace("-1.7628 1.7628", f"-1.7628 {upper}"))
     return file
@@ -210,7 +210,7 @@ def panda(folder: Path, upper: str = "1.7628") -> Path:
 
 @pytest.mark.long
 def test_commands_respect_an_active_limit_and_other_joints_do_the_task(tmp_path):
-    """Within 1 % of the path; commands beyond the range, which the servo clips, do far worse."""
+    """The error is within 1 % of the path; with commands clipped by the servo it is far larger."""
     quiet: dict[str, Any] = {"site": "hand", "major": "3,4,5", "crossover": 0.5, "size": 2e-3}
     quiet |= {"turn": 1.0, "noise": 1e-6, "duration": 0.6}
     wide, tight = panda(tmp_path), panda(tmp_path, "0.0002")
@@ -225,12 +225,12 @@ def test_commands_respect_an_active_limit_and_other_joints_do_the_task(tmp_path)
 
 
 def cause(rig: Rig, run: Run, informed: bool = True) -> str | None:
-    return limited_by(rig, run, predictor(rig, run, None)(informed=informed))
+    return limited_by(rig, run, predictor(rig, run, None)(told=informed))
 
 
 QUIET: dict[str, Any] = {"noise": 1e-6}
 STEPS: dict[str, Any] = QUIET | {"path": "steps", "size": 0.1}
-"""Of a tenth of a metre: they take more torque than the servos have."""
+"""Steps of 0.1 m, which need more torque than the servos have."""
 
 
 @pytest.mark.long
@@ -245,7 +245,7 @@ STEPS: dict[str, Any] = QUIET | {"path": "steps", "size": 0.1}
     ],
 )
 def test_dominant_cause_of_the_error_is_identified(tmp_path, joint, torque, options, message):
-    """In a run of a second of a Panda-like arm, with so many times its torque."""
+    """Run a Panda-like arm for a second, with its torque multiplied by a factor."""
     servos = [(kp, kv, torque * most) for kp, kv, most in SERIAL["panda"].servos]
     file = replace(SERIAL["panda"], servos=servos).write(tmp_path / "panda.xml", joint)
     settings = {"site": "tool", "major": [3, 4, 5], "crossover": 0.13} | options

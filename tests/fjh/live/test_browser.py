@@ -1,4 +1,4 @@
-"""`fjh live` as it is served and seen; a failure seen for a moment may be named by two kinds."""
+"""`fjh live` in a browser; at first a failure may be diagnosed as one of two kinds."""
 
 import signal
 import socket
@@ -17,7 +17,7 @@ from tests.processes import ended
 
 pytestmark = [pytest.mark.long, pytest.mark.usefixtures("alone")]
 KINDS = {"weak": "weak", "lock": "locked", "free": "free"}
-"""Each of new machines: one kind after another of the same strut is not always told apart."""
+"""Kinds of failure by button, for new machines: successive kinds are not always separated."""
 HEALTHY = "All actuators are believed sound"
 
 
@@ -38,9 +38,9 @@ def wait_for(holds: Callable[[], bool]) -> None:
 
 
 def test_the_command_listens_on_the_loopback_interface_alone(tmp_path):
-    """As the kernel lists it; where the usual port is taken the next one is printed."""
+    """The kernel lists the sockets; if the default port is in use, the next one is printed."""
     with socket.socket() as taken:
-        with suppress(OSError):  # somebody else's has it already, which will do
+        with suppress(OSError):  # another process uses it, which is equivalent
             taken.bind(("127.0.0.1", PORT))
             taken.listen()
         with pages.served(tmp_path / "out") as (process, url):
@@ -49,12 +49,12 @@ def test_the_command_listens_on_the_loopback_interface_alone(tmp_path):
 
 
 def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(browser, tmp_path):
-    """In the middle of the writing of a recording: it is there whole, or not at all."""
+    """An interrupted recording is complete or absent."""
     folder = tmp_path / "out"
     with pages.served(folder, "--port", str(pages.free_port())) as (process, url):
         page = pages.BrowserPage(browser.new_page(viewport=pages.SMALL), url)
         page.click("Save the last minute")
-        wait_for(lambda: any(folder.glob("*")))  # the writing has begun
+        wait_for(lambda: any(folder.glob("*")))  # writing has started
         page.page.close()
         process.send_signal(signal.SIGINT)
         ended(process, signal.SIGINT)
@@ -76,7 +76,7 @@ def test_interruption_before_the_page_is_served_is_one_sentence(tmp_path):
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory) -> Iterator[str]:
-    """Of the command for all tests that do not end it."""
+    """Address of the command for all tests that do not end it."""
     folder = tmp_path_factory.mktemp("live") / "out"
     with pages.served(folder, "--port", str(pages.free_port())) as (_, url):
         yield url
@@ -89,7 +89,7 @@ def first(browser, address) -> pages.BrowserPage:
 
 @pytest.fixture
 def page(first) -> pages.BrowserPage:
-    """With new machines, when the diagnosis has learned what they are like."""
+    """The page with new machines that the diagnosis has learned."""
     first.renew()
     return first
 
@@ -97,7 +97,7 @@ def page(first) -> pages.BrowserPage:
 @pytest.mark.night
 @pytest.mark.parametrize("strut", [f"strut{k}" for k in range(1, 7)])
 def test_failed_strut_is_identified_and_repaired_strut_cleared(page, strut):
-    """Of those that were free, 3 and 6 are not always given back (docs/live.md)."""
+    """Struts 3 and 6 are not always cleared after they were free (docs/live.md)."""
     for word, kind in KINDS.items():
         page.renew()
         page.make(strut, word)
@@ -125,7 +125,7 @@ def test_bump_and_stuck_sensor_are_reported_and_diagnosis_is_switched(page):
 
 @pytest.mark.night
 def test_two_pages_share_one_session_and_can_be_closed_independently(browser, address, page):
-    """What is clicked on one shows on the other, the elements too."""
+    """Clicks on one page change the elements of the other."""
     other = pages.BrowserPage(browser.new_page(viewport=pages.SMALL), address, picture_s=10.0)
     other.make("strut2", "free")
     for each in (page, other):

@@ -1,4 +1,4 @@
-"""Only the page that is served presses its buttons, and nothing that is sent does any harm."""
+"""Only the served page can use its buttons, and invalid messages have no effect."""
 
 import socket
 import time
@@ -16,7 +16,7 @@ from fjh.live.page import Page
 
 
 def connected(page: Page, origin: str | None, host: str = "127.0.0.1") -> ClientConnection:
-    """A client that says it is of a page, and that it was told a host's name."""
+    """Connect a client with a stated origin and host."""
     port = page._server.get_port()
     place = socket.create_connection(("127.0.0.1", port))
     said = None if origin is None else Origin(origin.format(port=port))
@@ -66,7 +66,7 @@ def updated(uuid: str, **updates: Any) -> dict[str, Any]:
 
 
 def test_invalid_values_are_rejected_and_values_beyond_a_range_clamped(page, capfd):
-    """Each kind of element by each kind of wrong value, then one right click as ever."""
+    """Every kind of element gets every kind of invalid value, then a valid click."""
     handles = page._server.gui._gui_input_handle_from_uuid
     group, weight, times = (
         next(uuid for uuid, h in handles.items() if getattr(h, "label", "") == label)

@@ -1,4 +1,4 @@
-"""A flight tick by tick is the one that is planned beforehand; what was struck can be repaired."""
+"""A run tick by tick equals the planned run, and failures can be repaired."""
 
 from collections.abc import Sequence
 from dataclasses import fields
@@ -18,7 +18,7 @@ EVENTS = (("hum", 0.2), ("bump", 0.4), ("sag", 0.45))
 
 
 def simulated(one: Rig, controller: Any, path: np.ndarray, failed: Sequence[Any]) -> LiveRun:
-    """By clicks: what is to happen at a time happens between two ticks."""
+    """Simulate by clicks, with failures and events between two ticks."""
     live, period_s = LiveRun(one, controller, len(path), SEED), one.period_s
     demands = one.feedforward_demands(path)
     failing = {round(at_s / period_s): (one.number(which), kind) for which, kind, at_s in failed}
@@ -33,7 +33,7 @@ def simulated(one: Rig, controller: Any, path: np.ndarray, failed: Sequence[Any]
 
 
 def assert_same(one: Run, other: Run) -> None:
-    """All that is known of two runs, to the bit; a flight keeps no estimated poses."""
+    """Assert that two runs are equal to the bit, without estimated poses, which are not logged."""
     for field in fields(Run):
         here, there = getattr(one, field.name), getattr(other, field.name)
         if isinstance(here, np.ndarray):
@@ -70,7 +70,7 @@ def test_run_by_clicks_equals_planned_run_bit_for_bit(name, controller, failed, 
 
 @pytest.mark.long
 def test_diagnosis_after_a_switch_has_the_time_of_the_run():
-    """Not by its own first tick: it learned from 0.2 to 1 s, and the lock is at 1.1 s."""
+    """The supervisor takes over at 0.2 s and learns until 1 s; the lock is at 1.1 s."""
     one = rig("hexapod")
     path, controller = one.path("circle", duration_s=1.4), one.supervisor()
     live = LiveRun(one, one.controller(), len(path), SEED)

@@ -1,4 +1,4 @@
-"""The clock of the page, and the clicks that are done between two ticks."""
+"""Clock of the page, and clicks between two ticks."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from sim import ModelError, SimulationDiverged
 
 
 def test_clicks_are_carried_out_within_five_ticks(page: Page, monkeypatch):
-    """Clicked while the machines move: at the first tick of each batch."""
+    """Clicks come during the simulation, at the first tick of each batch."""
     advance, start_ticks, done = page.session.advance, list[int](), list[int]()
 
     def clicked(ticks: int) -> int:
@@ -24,7 +24,7 @@ def test_clicks_are_carried_out_within_five_ticks(page: Page, monkeypatch):
 
 
 def test_delay_of_the_clock_is_not_caught_up(page):
-    """Nothing is done after the time of a frame; a second that is short is not made up for."""
+    """No tick is simulated after the time of a frame; a delay of a second is not caught up."""
     assert page.advance(1.0, until=-np.inf) == 0.0
     start = page.session.tick
     assert page.advance(0.003, until=np.inf) == pytest.approx(0.003)
@@ -54,7 +54,7 @@ def test_diverged_machines_are_replaced_with_a_message(page, monkeypatch):
 
 
 def test_neither_a_tunnel_nor_a_port_of_another_program_is_opened(page):
-    """When a client clicks on sharing, viser asks this method, which opens none."""
+    """The method that viser calls when a client clicks on sharing opens no tunnel."""
     assert page._server.request_share_url() is None
     with pytest.raises(WrongInput, match="another program listens there; leave --port out"):
         LocalServer(page._server.get_port())

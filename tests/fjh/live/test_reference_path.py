@@ -1,4 +1,4 @@
-"""Paths without an end: they begin at rest, repeat, and change without a jump."""
+"""Periodic paths start at rest, repeat, and change without a jump."""
 
 from functools import cache
 
@@ -9,7 +9,7 @@ from fjh.live.reference_path import PATHS, REST, ReferencePath, reference_path
 from tests.fjh.rigs import rig
 
 SETTLED_S = 1.0
-"""After which what was demanded before a path began no longer shows."""
+"""Time [s] after which earlier demands have no more effect."""
 of_each_robot = pytest.mark.parametrize("name", ["hexapod", "arm"])
 
 
@@ -21,7 +21,7 @@ def path_of(name: str, path: str) -> ReferencePath:
 @pytest.mark.parametrize("path", PATHS)
 @of_each_robot
 def test_repeated_cycle_continues_the_path(name, path):
-    """The cycle before the one that is kept: no seam shows, in what is desired or demanded."""
+    """Desired and demanded displacements of the former cycle continue without a seam."""
     one, its = rig(name), path_of(name, path)
     start, settled = len(its.desired) - its.cycle, round(SETTLED_S / one.period_s)
     before, before_demands = its.at(np.arange(max(0, start - its.cycle), start))
@@ -50,7 +50,7 @@ def largest_step(desired: np.ndarray) -> float:
 @pytest.mark.parametrize("path", ["circle", "spiral", REST])
 @of_each_robot
 def test_a_change_of_path_has_no_jump(name, path, former):
-    """No tick moves farther than both paths and a fade of 2 radii in 1 s, 15/8 of a ramp."""
+    """The largest step is that of both paths and of a fade over 2 radii in 1 s, 15/8 of a ramp."""
     one, was = rig(name), path_of(name, former)
     at = 3 + len(was.desired) + round(0.4 * was.cycle)
     now = reference_path(one, path, was, at)
@@ -66,7 +66,7 @@ def test_a_change_of_path_has_no_jump(name, path, former):
 
 
 def test_a_change_to_steps_goes_to_rest_first():
-    """Steps are jumps of their own; until the first of them the fade is smooth."""
+    """Steps are jumps by definition; before the first one the fade is smooth."""
     one, was = rig("hexapod"), path_of("hexapod", "circle")
     now = reference_path(one, "steps", was, 2500)
     switch = round(1.0 / one.period_s)

@@ -1,4 +1,4 @@
-"""The last minute as a recording: what happened to both machines can be read back."""
+"""The recording of the last minute can be read back."""
 
 import json
 
@@ -15,7 +15,7 @@ from tests.fjh.rigs import rig
 
 @pytest.mark.long
 def test_last_minute_is_read_back_from_the_next_recording(tmp_path):
-    """A strut that locked and was repaired, another one that is weak, a bump."""
+    """One strut locks and is repaired, another one is weak, and there is a bump."""
     session, file = Session(rig("hexapod"), seed=4), tmp_path / "live_2.rrd"
     (tmp_path / "live_1.rrd").touch()  # of another day
     session.advance(19)

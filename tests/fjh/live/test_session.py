@@ -1,4 +1,4 @@
-"""Two machines and all that can be done to them between two ticks."""
+"""Session of two machines, with actions between two ticks."""
 
 from collections.abc import Callable
 from typing import get_args
@@ -17,7 +17,7 @@ from tests.fjh.rigs import rig
 KINDS: tuple[Kind, ...] = get_args(Kind)
 LSB_PERCENT = 100 / 2**15
 LEARNED = 1000
-"""Ticks after which the sound machine is known: it takes 0.8 s."""
+"""Ticks after which the healthy machine is learned, which takes 0.8 s."""
 
 
 @pytest.fixture
@@ -26,17 +26,17 @@ def session() -> Session:
 
 
 def diagnosis(session: Session) -> str:
-    """What the supervised pilot believes."""
+    """Return the supervised controller's diagnosis."""
     return session.runs[0].diagnosis_text
 
 
 def inputs(session: Session) -> np.ndarray:
-    """Of both flights now, (2, n)."""
+    """Return the present inputs of both runs, (2, n)."""
     return np.array([live.state.inputs for live in session.runs])
 
 
 def test_every_actuator_of_both_machines_can_have_every_state(session):
-    """What is clicked twice is done once; the models of both machines are then the same."""
+    """Repeated clicks have no further effect; the models of both machines remain equal."""
     for actuator in range(6):
         for kind in (*KINDS[::-1], KINDS[1]):
             for _ in range(2):
@@ -53,7 +53,7 @@ def test_every_actuator_of_both_machines_can_have_every_state(session):
 
 
 def test_actions_undone_between_two_ticks_have_no_effect(session):
-    """Twice on, twice off, or broken in every way and repaired; what was over can begin anew."""
+    """Events switched on and off twice and repaired failures leave no trace; events can restart."""
     calm = Session(rig("hexapod"))
     for kind in (*KINDS[1:], KINDS[0]):
         session.make(2, kind)
@@ -79,7 +79,7 @@ def test_actions_undone_between_two_ticks_have_no_effect(session):
 
 
 def test_weights_change_without_a_step_of_the_inputs(session):
-    """Against the same session with its weights as they were: the last bit, and then they move."""
+    """Inputs differ from those with former weights by the last bit at first, and later by more."""
     as_before = Session(rig("hexapod"))
     for one in (session, as_before):
         one.advance(150)
@@ -125,7 +125,7 @@ def test_another_path_is_followed_by_both_and_by_new_machines(session, name):
 
 
 def test_last_minute_is_cut_and_includes_earlier_active_failures(session, monkeypatch):
-    """Here a minute is 0.1 s."""
+    """The saved duration is 0.1 s here."""
     monkeypatch.setattr(sessions, "SAVED_S", 0.1)
     session.make(0, "locked")
     session.make(1, "weak")
@@ -152,7 +152,7 @@ def test_ended_run_simulates_no_more_ticks(monkeypatch):
 
 
 def until(session: Session, holds: Callable[[str], bool], within_s: float) -> float:
-    """Fly on until something is believed; the seconds that it took."""
+    """Simulate until the diagnosis satisfies a condition; return the time [s]."""
     start = session.tick
     while not holds(diagnosis(session)):
         assert (session.tick - start) * rig("hexapod").period_s < within_s, diagnosis(session)
@@ -163,7 +163,7 @@ def until(session: Session, holds: Callable[[str], bool], within_s: float) -> fl
 @pytest.mark.long
 @pytest.mark.parametrize("while_looking", [True, False])
 def test_restarted_diagnosis_identifies_failures(session, while_looking):
-    """Free since before anybody looked is named as locked: without force, a strut stands."""
+    """A failed strut is identified after the diagnosis is switched on again."""
     session.advance(LEARNED)
     if while_looking:
         session.make(0, "free")

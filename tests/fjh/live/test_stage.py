@@ -1,4 +1,4 @@
-"""What is drawn of the machines, against MuJoCo's own frames."""
+"""Drawn positions against MuJoCo's frames."""
 
 import mujoco
 import numpy as np
@@ -10,7 +10,7 @@ from tests.fjh.rigs import rig
 
 
 def simulated(one: Rig, ticks: int) -> tuple[LiveRun, np.ndarray, np.ndarray]:
-    """Along the first major row, a tenth of the path's size; and where MuJoCo then has the site."""
+    """Simulate a step of a tenth of the path in the first major row; also return the site pose."""
     live = LiveRun(one, one.controller(), ticks, 0)
     ahead = 0.1 * one.size * np.eye(len(one.major))[0]
     for _ in range(ticks):
@@ -31,7 +31,7 @@ def test_tool_is_drawn_at_its_position():
 
 
 def test_hexapod_is_drawn_in_its_pointing_direction():
-    """Whatever the rows that do not matter do: they turn it about the axis it points along."""
+    """Other rows have no effect: they rotate the hexapod about its pointing axis."""
     (live, _, turned), (_, _, start) = (simulated(rig("hexapod"), ticks) for ticks in (40, 1))
     pointer = Pointer(rig("hexapod"), *live.frame)
     at_rest, position = pointer.at(np.array([[0.0, 0.0], live.motion(slice(39, 40))[2][0]]), 1.0)

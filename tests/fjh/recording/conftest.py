@@ -1,4 +1,4 @@
-"""Runs that several modules read back."""
+"""Recordings of runs for several test modules."""
 
 import os
 from pathlib import Path
@@ -28,7 +28,7 @@ class Recorded(NamedTuple):
 
 @pytest.fixture(scope="session")
 def recorded(tmp_path_factory) -> Recorded:
-    """An arm, of no file of `models/`, whose second motor locks on the way; and its recording."""
+    """Recording of an arm, not of `models/`, whose second motor locks during the run."""
     folder = tmp_path_factory.mktemp("run")
     (folder / "own.xml").write_text((MODELS / "arm.xml").read_text() + "\n")
     rig = fjh.Rig.of_mjcf(folder / "own.xml", major=[3, 4], size=0.02, crossover=0.7)
@@ -40,7 +40,7 @@ def recorded(tmp_path_factory) -> Recorded:
 
 @pytest.fixture(scope="session")
 def made(tmp_path_factory) -> Path:
-    """The folder of a run of the hexapod that no simulation made."""
+    """Folder of a synthetic run of the hexapod."""
     folder = tmp_path_factory.mktemp("made")
     keep_made(folder)
     return folder

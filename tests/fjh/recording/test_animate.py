@@ -1,4 +1,4 @@
-"""Runs as an animation: frames of the viewer, from shortly before the first failure."""
+"""Animations of runs, with frames from shortly before the first failure."""
 
 import numpy as np
 import pytest

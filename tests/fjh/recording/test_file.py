@@ -1,4 +1,4 @@
-"""The file of a recording: its identity, its times, and what its writer complains of."""
+"""File of a recording: identity, times, and errors of the writer."""
 
 import re
 from dataclasses import replace
@@ -12,7 +12,7 @@ from fjh.study.files import published
 
 
 def test_different_recordings_have_different_identities():
-    """It merges those of one identity."""
+    """The viewer merges recordings of one identity."""
     one = RecordingInfo("table1-W_a-seed0", "W_a", "notes", {"seed": 0})
     assert one.identity == replace(one).identity
     assert one.identity != replace(one, notes="others").identity
@@ -21,7 +21,7 @@ def test_different_recordings_have_different_identities():
 
 
 def test_error_of_the_writer_leaves_no_file(tmp_path):
-    """Strict mode: three times and two values would else be a warning, and no data."""
+    """Without strict mode, three times with two values are only a warning, without data."""
     about = RecordingInfo("x", "x", "notes", {"seed": 0})
     nothing = screen(rrb.Horizontal(rrb.TextDocumentView(origin="notes")))
     with (

@@ -1,4 +1,4 @@
-"""Motion as it is drawn against MuJoCo's."""
+"""Drawn motion against MuJoCo's."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -8,7 +8,7 @@ from sim import Plant, Pose
 
 
 def test_hexapod_is_drawn_at_its_simulated_pose(model):
-    """After a step of the plant, from the payload's pose alone; flexures twist by some mrad."""
+    """Bodies are drawn from the payload's pose after a step; flexures twist by some mrad."""
     plant = Plant(model)
     plant.step(1e-4 * np.array([4, -2, 3, -6, 2, -3]), 1.0)
     pose, data = plant.pose(), plant.data

@@ -1,4 +1,4 @@
-"""A run read back is a run, or a sentence says why; no file at all: test_broken_files.py."""
+"""A run read back is valid or rejected in one sentence; missing files: test_broken_files.py."""
 
 import json
 import re
@@ -95,7 +95,7 @@ def test_run_of_a_robot_without_recording_is_rejected_in_one_sentence(recorded, 
 
 @pytest.mark.parametrize("robot", ["hexapod", "arm"])
 def test_recording_of_another_run_is_rejected(recorded, made, tmp_path, robot):
-    """Its marks and parameters would be told of this one."""
+    """The marks and parameters of the recording would not belong to the data."""
     file, name = (made / "made.rrd", "true_rad") if robot == "hexapod" else (recorded.file, "true")
     with np.load(file.with_suffix(".npz")) as arrays:
         changed = dict(arrays) | {name: arrays[name] + 1e-12}

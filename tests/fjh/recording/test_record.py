@@ -1,4 +1,4 @@
-"""A run recorded by one call: what is read back equals the run, and MuJoCo's kinematics."""
+"""A run recorded by one call equals the run read back, and MuJoCo's kinematics."""
 
 import re
 import shutil
@@ -23,7 +23,7 @@ from tests import rrd
 from tests.made import ABOUT, made_run, made_view
 
 EVERY = 5
-"""Ticks a row of a signal: 200 Hz."""
+"""Ticks per sample of a signal: 200 Hz."""
 HEXAPOD = {
     "/task/desired": ("desired_rad", 1e6),
     "/task/true": ("true_rad", 1e6),
@@ -39,7 +39,7 @@ ARM = {"/task/true": ("true", 1e6), "/actuators/displacement": ("displacement", 
 
 @pytest.mark.parametrize("signals", [HEXAPOD, ARM], ids=["hexapod", "arm"])
 def test_a_recording_holds_the_signals_of_the_run_to_the_bit(recorded, made, signals):
-    """Each line has a name with its unit."""
+    """Names of lines have units."""
     file = made / "made.rrd" if signals is HEXAPOD else recorded.file
     with np.load(file.with_suffix(".npz")) as arrays:
         for entity, (name, factor) in signals.items():
@@ -120,7 +120,7 @@ def test_every_event_is_in_the_list_and_among_the_states(recorded, tmp_path):
 
 @pytest.mark.long
 def test_recording_does_not_change_settings_of_matplotlib():
-    """A notebook's figures still appear, in its own style."""
+    """Figures of a notebook still appear in their style."""
     code = """
 import matplotlib
 matplotlib.use("svg")
@@ -143,7 +143,7 @@ def results(*incidents: Change, diagnoses: Sequence[Change] = (), **about):
 
 
 def test_the_errors_before_and_after_a_failure_are_those_of_the_whole_run():
-    """Their sums of squares add up; and rows add up to all."""
+    """Sums of squares before and after add up to that of the run, and rows to the total."""
     entries, error = results(LOCK), made_run().error
     former, after = 100 * entries["rms_before_rad"] ** 2, 300 * entries["rms_after_rad"] ** 2
     assert former + after == pytest.approx((error**2).sum())
@@ -181,7 +181,7 @@ def test_properties_come_back_from_the_recording(made):
 @pytest.mark.long
 @pytest.mark.parametrize("study", ["table1", "release", "recover", "systems", "jacobian", "goals"])
 def test_every_recording_of_a_study_is_whole_small_and_self_describing(request, study):
-    """By the viewer's own check, too; each has an application of its own with one screen."""
+    """Recordings pass the viewer's check; each is one application with one screen."""
     files = sorted(request.getfixturevalue(f"{study}_folder").glob("*.rrd"))
     applications = {RrdReader(path).recordings()[0].application_id for path in files}
     assert len(applications) == len(files) > 0

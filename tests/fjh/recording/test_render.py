@@ -1,4 +1,4 @@
-"""What a person sees of a recording, by its pixels (Mesa's Vulkan driver draws); a mute viewer."""
+"""Pixels of rendered recordings (with Mesa's Vulkan driver), and a viewer that does not respond."""
 
 import io
 import time
@@ -15,7 +15,7 @@ from tests.fjh.recording.conftest import NEEDS_DRIVER
 
 
 def at_night(test):
-    """A test that looks at pictures, at night."""
+    """Mark a test of pictures, which runs at night."""
     for mark in (pytest.mark.long, pytest.mark.night, NEEDS_DRIVER):
         test = mark(test)
     return test
@@ -26,7 +26,7 @@ def pixels(png: bytes) -> np.ndarray:
 
 
 def content(image: np.ndarray, *, text: bool = False) -> float:
-    """Share of a view's pixels that are neither background nor, without text, a grey of axes."""
+    """Return the share of a view's pixels that are neither background nor, without text, grey."""
     below_title = image[30:]
     visible = below_title.max(axis=-1) > 100 if text else np.ptp(below_title, axis=-1) > 40
     return float(visible.mean())
@@ -50,7 +50,7 @@ def viewer():
     ],
 )
 def test_every_view_of_a_recording_shows_something_at_once(viewer, request, study, name, expected):
-    """Each opens with its own layout, and the viewer complains of nothing."""
+    """Each recording opens with its layout and without warnings."""
     show(viewer, request.getfixturevalue(f"{study}_folder") / f"{name}.rrd", None)
     photograph(viewer)  # until it has come to rest, the views may be another recording's
     views = viewer.get_state().views

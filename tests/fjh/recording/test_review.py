@@ -1,4 +1,4 @@
-"""Runs side by side: what each is, what they have in common, and what JSON says beside them."""
+"""Review of runs side by side: data, common properties, and consistency with JSON files."""
 
 import json
 import shutil
@@ -15,7 +15,7 @@ from tests.made import keep_made, made_run, made_view
 
 
 def test_reviewed_runs_equal_their_data_in_the_given_order(recorded, tmp_path):
-    """A locked and a healthy run of the hexapod, and one of an arm: two folders and a file."""
+    """Two folders with a locked and a healthy run of the hexapod, and a file of an arm."""
     places = [tmp_path / "one", tmp_path / "other", recorded.file.with_suffix(".npz")]
     for folder in places[:2]:
         folder.mkdir()

@@ -1,4 +1,4 @@
-"""A set of files appears whole or not at all, whatever comes between, and states what made it."""
+"""A set of files is published completely or not at all, and states its origin."""
 
 import json
 import re
@@ -20,7 +20,7 @@ from fjh.study.files import published, write_arrays, write_index, write_json
 from tests.made import keep_made
 
 BYTES = 512
-"""That go into a file of the full disk."""
+"""Largest file size [bytes] on the simulated full disk."""
 
 
 def write(folder: Path, index: str, *names: str) -> None:
@@ -90,7 +90,7 @@ def test_files_that_cannot_all_be_written_leave_the_old_ones_whole(tmp_path):
 
 @contextmanager
 def full_disk():
-    """No file may grow beyond `BYTES`. Not as a fixture: pytest's own output may go to a file."""
+    """Limit all files to `BYTES`; not a fixture, since pytest's output may go to a file."""
     former = resource.getrlimit(resource.RLIMIT_FSIZE)
     compiled, sys.dont_write_bytecode = sys.dont_write_bytecode, True  # or Python cuts it off
     resource.setrlimit(resource.RLIMIT_FSIZE, (BYTES, former[1]))
@@ -143,7 +143,7 @@ def test_review_on_a_full_disk_is_one_sentence_and_no_file(tmp_path, capfd):
 
 @pytest.mark.parametrize("part", [slice(-1), slice(-100), slice(-5000), slice(0)])
 def test_a_recording_that_cannot_be_read_back_is_not_published(tmp_path, monkeypatch, part):
-    """The disk loses the end, or all of the file, and reports no error."""
+    """The disk silently loses the end of the file, or all of it."""
     write_bytes = Path.write_bytes
     monkeypatch.setattr(Path, "write_bytes", lambda path, data: write_bytes(path, data[part]))
     with (

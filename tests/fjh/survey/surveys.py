@@ -1,4 +1,4 @@
-"""Surveys of robots and matrices, without the command."""
+"""Functions for surveys of robots and matrices without the command."""
 
 from functools import cache
 from pathlib import Path
@@ -40,7 +40,7 @@ def conditions(survey: Survey) -> pd.DataFrame:
 
 
 def speeds(analysis: Examined) -> np.ndarray:
-    """The worst speeds, which were computed."""
+    """Return the worst speeds, asserting that they were computed."""
     assert analysis.left.worst_speed is not None
     return analysis.left.worst_speed
 

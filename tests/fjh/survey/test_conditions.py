@@ -1,4 +1,4 @@
-"""`fjh survey`: each number is what one condition has alone, and the report follows its subject."""
+"""Numbers of `fjh survey` equal those of conditions analyzed one by one."""
 
 from dataclasses import replace
 from math import comb
@@ -24,7 +24,7 @@ STRETCHED = {"site": "tip", "axes": None, "major": "3,4"}
 
 
 def test_hexarotor_hovers_without_a_rotor_if_neighbours_turn_in_the_same_sense(tmp_path):
-    """Du, Quan, Yang and Cai, JGCD 38 (2015)."""
+    """Compare with Du, Quan, Yang and Cai, JGCD 38 (2015)."""
     hover = {"lower": "0", "upper": "6.125", "hold": f"{1.535 * 9.8},0,0,0"}
     for turns, kept in {"PNPNPN": 6 * [False], "PPNNPN": 4 * [True] + 2 * [False]}.items():
         start = of_matrix(written(tmp_path / "B.csv", effectiveness(turns)), **hover).start
@@ -50,13 +50,13 @@ def test_rows_list_failed_actuators_and_actuators_list_remaining_effects(tmp_pat
 
 
 def radius(columns: np.ndarray, low: np.ndarray, high: np.ndarray, effect: np.ndarray) -> float:
-    """Radius of the ball about what is held."""
+    """Return the radius of the largest ball of attainable effects about the effect at rest."""
     return max(0.0, distances(columns, effect, low, high).min())
 
 
 @pytest.mark.parametrize("seed", [0, 3, 7])
 def test_measured_hexarotor_loses_directions_with_less_than_one_percent(tmp_path, seed):
-    """On the drawing yaw goes with two rotors (Du et al.); some mm off it has rank, and no room."""
+    """Yaw is lost with two rotors (Du et al.); errors of some mm give it rank, but no slack."""
     rng, hover = np.random.default_rng(seed), np.array([7.2, 0, 0, 0])
     B_measured = effectiveness("PNPNPN", 0.45)
     B_measured[3] /= 2
@@ -86,7 +86,7 @@ TENDONS = """
 
 @pytest.mark.parametrize("near", [0.002, 0.1])
 def test_robot_without_force_loses_the_task(tmp_path, near):
-    """Tendons a and b are nearly parallel, and alone when c is limp."""
+    """Tendons a and b are nearly parallel; they remain when c is free."""
     (tmp_path / "tendons.xml").write_text(TENDONS.format(near=near))
     survey = of_robot(tmp_path / "tendons.xml", site="tip", axes=None, major="3,4")
     pulls, one, nothing = np.array([[1, 1, 0], [0, near, 1]]), np.ones(3), np.zeros(2)
@@ -98,7 +98,7 @@ def test_robot_without_force_loses_the_task(tmp_path, near):
 
 @pytest.mark.parametrize(("hold", "advice"), [(None, "(--hold)"), ("40,0,0,0", "hold less")])
 def test_inputs_without_slack_at_rest_are_reported(tmp_path, hold, advice):
-    """Thrusts from 0 have none about zero; six of 6 N do not carry 40 N."""
+    """Thrusts from 0 on have no slack about zero; six thrusts of 6 N do not carry 40 N."""
     file = written(tmp_path / "B.csv", effectiveness("PPNNPN"))
     survey = of_matrix(file, lower="0", upper="6", hold=hold)
     assert survey.start.verdict(0) == "no room"
@@ -142,7 +142,7 @@ def test_postures_are_within_the_joint_ranges_and_closed():
 
 
 def test_statistics_over_postures_equal_surveys_started_there():
-    """Median, worst and share of an arm's conditions, by another start for each posture."""
+    """Compare median, worst and share with surveys that start at each posture."""
     survey, single = of_robot(ARM, 3), []
     robot = survey.system.robot
     assert robot is not None
@@ -172,7 +172,7 @@ def test_seed_determines_the_sampled_postures():
 
 
 def test_best_posture_replaces_a_singular_start():
-    """A planar arm stretched out cannot move its tip along itself; bent it can."""
+    """A stretched planar arm cannot move its tip along the arm; a bent one can."""
     file = TEST_MODELS / "stretched.xml"
     alone, survey = (of_robot(file, count, **STRETCHED) for count in (0, 8))
     assert alone.start.verdict(0) == "one direction" and alone.system.instead is None

@@ -1,4 +1,4 @@
-"""Which failures can be told apart: of a matrix by its columns, of a robot by `ftc.fdi`."""
+"""Isolability of failures: of a matrix by its columns, of a robot by `ftc.fdi`."""
 
 import itertools
 from typing import Any
@@ -21,7 +21,7 @@ from tests.random_systems import SEEDS
 
 @given(SEEDS, st.integers(1, 4), st.integers(1, 7))
 def test_inputs_are_indistinguishable_if_their_columns_have_rank_one(seed, rows, columns):
-    """By brute force: the rank of [b_i b_j], of matrices with parallel and empty columns."""
+    """Compare with the ranks of all [b_i b_j], for matrices with parallel and zero columns."""
     rng = np.random.default_rng(seed)
     some = rng.normal(size=(rows, 3))
     B = some[:, rng.integers(0, 3, columns)] * rng.choice([-2.0, 1.0, 0.5, 0.0], columns)
@@ -52,7 +52,7 @@ def test_inputs_are_indistinguishable_if_their_columns_have_rank_one(seed, rows,
 
 
 def test_rotors_on_one_arm_are_indistinguishable(tmp_path):
-    """Two rotors above each other, in the same sense: one column twice."""
+    """Two rotors above each other, turning in the same sense, have parallel columns."""
     (tmp_path / "b.csv").write_text("top,bottom,side,idle\n1,0.5,1,0\n0.2,0.1,-0.2,0\n")
     system = matrix_system(tmp_path / "b.csv", None, None, None, None)
     [row] = isolation.isolation_of(system, "on", None)[0].to_dict("records")
@@ -61,7 +61,7 @@ def test_rotors_on_one_arm_are_indistinguishable(tmp_path):
 
 @pytest.mark.long
 def test_further_sensor_isolates_as_much_as_an_existing_one():
-    """The greedy choice, each beside those before it, one by one; a sensor of the same noise."""
+    """Compare the greedy choice with all candidates in each step, at equal noise."""
     hand = robot_rig(MODELS / "hand.xml", RobotOptions(major=(3, 4), sense="both"))
     design, row = isolation.isolation_row(hand, "joints")
     assert row["further_sensors"]
@@ -90,7 +90,7 @@ def test_further_sensor_isolates_as_much_as_an_existing_one():
     ],
 )
 def test_reason_is_reported_if_isolation_cannot_be_computed(name, task, message):
-    """A task that leaves no motion, and torque motors."""
+    """Isolation needs a task with a null space, and position servos."""
     system = robot_system(MODELS / f"{name}.xml", RobotOptions(**task), None, None)
     rows, settings = isolation.isolation_of(system, "on", None)
     assert rows.empty and message in settings["isolation_refused"]

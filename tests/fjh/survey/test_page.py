@@ -1,4 +1,4 @@
-"""The survey as a page: whole, escaped, and as the documentation prints it."""
+"""Page of a survey: well-formed, with escaped names, and reproducible."""
 
 import json
 import re

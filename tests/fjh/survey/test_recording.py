@@ -1,4 +1,4 @@
-"""The survey as a recording: of motions that are really lost, each in a cell."""
+"""Recording of a survey: motions that are lost, each in a cell."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ SURVEYED = {
     "platform": (MODELS / "platform.xml", "3,4"),
     "ropes": (TEST_MODELS / "ropes.xml", "3,4"),
 }
-"""An arm with a free joint each, a platform with a lost turn, and an arm of ropes."""
+"""Model file and major rows of an arm, a platform and an arm of ropes."""
 
 
 def survey(name: str) -> Any:
@@ -28,7 +28,7 @@ def survey(name: str) -> Any:
 
 
 def moved(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
-    """How far the payload is from the start along the way, by MuJoCo alone, shape (T, 6)."""
+    """Return the payload's displacement from the start along the motion, from MuJoCo, (T, 6)."""
     data, poses = mujoco.MjData(model), []
     site = model.site("payload").id
     for data.qpos[:] in qpos:
@@ -41,7 +41,7 @@ def moved(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", SURVEYED)
 def test_recorded_motion_is_along_the_lost_direction(name, monkeypatch, tmp_path):
-    """The pose of the site along the recorded joints; a locked joint moves, a held one rests."""
+    """The site moves in the lost direction; failed joints move, and in self-motions no others."""
     surveyed, written = survey(name), {}
     monkeypatch.setattr(recording, "MOST", 99)
     monkeypatch.setattr(recording, "condition_scene", lambda *driven, **_: driven)

@@ -1,4 +1,4 @@
-"""What is surveyed: matrices in files as people write them, limits, and what is refused."""
+"""Surveyed systems: matrices in several file formats, limits, and invalid input."""
 
 import numpy as np
 import pytest
