@@ -11,7 +11,7 @@ from experiments.studies import study
 from fjh.result_frames import runs_of
 from fjh.rig.run import Run
 from fjh.study.errors import WrongInput
-from fjh.study.foreign import read_json
+from fjh.study.untrusted_files import read_json
 
 
 def fly_again(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:

@@ -22,11 +22,11 @@ from fjh.rig.hexapod.fault_tolerance import elastic_system, pointing_classificat
 from fjh.rig.hexapod.metrics import loop_measures, plant_constants
 from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.options import MachineFile
+from fjh.study.input_checks import check_file
 from fjh.study.option import OnProgress
 from fjh.study.palette import BLACK, BLUE, ORANGE, VERMILION
 from fjh.study.plotting import PAGE_IN, new_figure
-from fjh.study.result import Picture, Result, Shown, origin
-from fjh.study.spelling import check_file
+from fjh.study.result import Picture, Result, TableView, origin
 from prioritized import failure_atlas
 from sim import Array, LinearPlant, load_model
 from sim.mjcf import model_sha256
@@ -73,7 +73,7 @@ def figures(*, model: MachineFile = None, on_progress: OnProgress) -> Result:
     return Result(
         settings=settings,
         tables={"loops": margins, "verdicts": verdicts},
-        shown=shown(margins, verdicts),
+        views=shown(margins, verdicts),
         pictures=pictures(opened, found),
     )
 
@@ -98,16 +98,16 @@ def counted(found: Sequence[Classification]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def shown(margins: pd.DataFrame, verdicts: pd.DataFrame) -> list[Shown]:
+def shown(margins: pd.DataFrame, verdicts: pd.DataFrame) -> list[TableView]:
     """The printed tables."""
     counts = verdicts.rename(columns=lambda name: name.removeprefix("failures_"))
     return [
-        Shown(
+        TableView(
             "Pointing loops",
             margins,
             "angle crossover_hz:.2f gain_margin_db:.1f phase_crossover_hz:.1f phase_margin_deg:.1f",
         ),
-        Shown(
+        TableView(
             "Pointing by number of failed struts",
             counts,
             "pointing 0 1 2 3 4 5 6 conditions",

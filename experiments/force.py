@@ -23,7 +23,7 @@ from fjh.rig.run import rms
 from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLACK, BLUE, PURPLE, VERMILION
 from fjh.study.plotting import PAGE_IN, new_figure, one_legend
-from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.result import Check, Picture, Result, TableView, check, origin
 from fjh.study.workers import in_parallel
 from prioritized import (
     ConstrainedSystem,
@@ -544,7 +544,7 @@ def force(
         },
         tables=tables,
         checks=checks(tables),
-        shown=shown(tables),
+        views=shown(tables),
         pictures=[Picture("force", CAPTION, ALT, drawn)],
         arrays={"force.npz": {"asked_wrench": asked} | arrays},
     )
@@ -581,7 +581,7 @@ def checks(tables: dict[str, pd.DataFrame]) -> list[Check]:
     ]
 
 
-def shown(tables: dict[str, pd.DataFrame]) -> list[Shown]:
+def shown(tables: dict[str, pd.DataFrame]) -> list[TableView]:
     """The printed tables."""
     trials, held = tables["theorems"], tables["prescribed"].query("load == 1")
     major = trials.pressed_major_off_percent.where(trials.kind != "locked")
@@ -589,29 +589,29 @@ def shown(tables: dict[str, pd.DataFrame]) -> list[Shown]:
     torques = tables["tradeoff"].groupby(["way", "major_weight_per_n_m"], dropna=False)
     torque = torques.weighed_over_mapping
     return [
-        Shown(
+        TableView(
             "Theorems 7, 8, 9: largest error of the simulation",
             trials.max().rename(columns=lambda name: name.replace("_off", "")),
             "condition major_percent:.2g pressed_percent:.2g held_percent:.2g moved_percent:.2g",
             "major, pressed: on a fixture. held, moved: strut forces, payload, holding a wrench.",
         ),
-        Shown(
+        TableView(
             "First prescribed wrench, and how the payload gives way",
             held.rename(columns=lambda name: name.removeprefix("simulated_")),
             "condition mapping lacking_force_n:.2f translation_um:.2f pointing_urad:.2f",
             "lacking: what is not exerted. translation, pointing: simulated.",
         ),
-        Shown(
+        TableView(
             "First prescribed wrench, reaction of the lock",
             tables["reaction"].query("load == 1 and theorem == @PRESCRIBED"),
             "condition simulated_n:.2f predicted_n:.2f",
         ),
-        Shown(
+        TableView(
             "One major force, hexapod without failure: weighted torque over the mapping's",
             torques.max().assign(least=torque.min(), largest=torque.max()).reset_index(),
             "way major_weight_per_n_m:g least:.3f largest:.3f major_off_percent:.3g",
         ),
-        Shown(
+        TableView(
             "Over-actuated platform, without internal force and with it used",
             tables["internal_force"],
             "name internal_force weighed_rms_n:.1f hot_motor_rms_n:.1f least_squeeze_n:.1f",

@@ -31,7 +31,7 @@ from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLACK, BLUE, PURPLE, VERMILION
 from fjh.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
 from fjh.study.provenance import version_properties
-from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.result import Check, Picture, Result, TableView, check, origin
 from fjh.study.workers import in_parallel
 from sim import Array, load_model
 
@@ -215,7 +215,7 @@ def goals(
         settings=settings,
         tables=tables,
         checks=checks(**tables),
-        shown=shown(**tables),
+        views=shown(**tables),
         pictures=[Picture("goals", CAPTION, ALT, partial(figure, flown, **tables))],
         arrays={f"{goal.name}.npz": arrays(goal, flown[goal.name]) for goal in GOALS},
         records=[partial(record, goal, flown[goal.name], settings, **tables) for goal in GOALS],
@@ -301,7 +301,7 @@ def checks(runs: pd.DataFrame, angles: pd.DataFrame, another_seed: pd.DataFrame)
     return found
 
 
-def shown(runs: pd.DataFrame, angles: pd.DataFrame, another_seed: pd.DataFrame) -> list[Shown]:
+def shown(runs: pd.DataFrame, angles: pd.DataFrame, another_seed: pd.DataFrame) -> list[TableView]:
     """The printed table: a row for each run, and one for what another seed changes."""
     flown = runs[~runs.name.str.startswith(f"{REFERENCE}_seed")]
     flown = flown.join(larger(angles), on=["goal", "name"])
@@ -309,7 +309,7 @@ def shown(runs: pd.DataFrame, angles: pd.DataFrame, another_seed: pd.DataFrame) 
     order = list(another_seed.goal)
     rows = rows.sort_values("goal", kind="stable", key=lambda names: names.map(order.index))
     return [
-        Shown(
+        TableView(
             "Extreme of the secondary measure, and pointing error of the larger angle",
             rows,
             "goal name worst:z.1f limit:g rms_urad:.3f difference_rms_urad:.3f",
@@ -346,13 +346,13 @@ def record(
         study="goals",
         identity=f"goals-{goal.name}-seed{settings['seed']}",
         title=goal.title,
-        said=[f"{measure}: must stay {side} {goal.limit:g}."],
+        notes=[f"{measure}: must stay {side} {goal.limit:g}."],
         parameters={"seed": settings["seed"], "model_sha256": sha256}
         | SETTINGS
         | version_properties(dict(settings))
         | bench,
         checks=checks(**tables),
-        verdict=goal.title,
+        summary=goal.title,
     )
     file, pair = folder / f"{goal.name}.rrd", {key: flown[key] for key in ("pursued", "nothing")}
     if goal.on_arm:
@@ -361,9 +361,9 @@ def record(
             key: condition_scene(model, one.time_s, one.arrays["joint_rad"], _plots(goal, one))
             for key, one in pair.items()
         }
-        results = {"study": "goals", "robot": "arm", "failures": "none", "verdict": about.verdict}
+        results = {"study": "goals", "robot": "arm", "failures": "none", "verdict": about.summary}
         results["checks"] = checked(about.checks)
-        lines = [f"# {about.title}", "", *about.said, "", *constants(about.parameters)]
+        lines = [f"# {about.title}", "", *about.notes, "", *constants(about.parameters)]
         notes, parameters = "\n".join(lines), dict(about.parameters)
         info = RecordingInfo(about.identity, about.title, notes, parameters, results)
         write_scenes(file, info, scenes, pages=False)

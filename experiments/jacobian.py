@@ -31,7 +31,7 @@ from fjh.rig.run import Run, rms
 from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLACK, BLUE, GREEN, ORANGE, VERMILION
 from fjh.study.plotting import COLUMN_IN, PAGE_IN, logarithmic, new_figure, one_legend
-from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.result import Check, Picture, Result, TableView, check, origin
 from fjh.study.workers import in_parallel
 from ftc.control import DisplacementForm
 from prioritized import ConstrainedSystem
@@ -423,7 +423,7 @@ def record(
         study="jacobian",
         identity=f"jacobian-{case.name}",
         title=case.name,
-        said=[
+        notes=[
             f"{case.column}, strut 1 locked. {jacobian.capitalize()} Jacobian, {form} "
             f"displacements: {row['extra_percent']:.2f} % from the optimum of the secondary goal."
         ],
@@ -500,7 +500,7 @@ def jacobian(
         settings=settings,
         tables=tables,
         checks=checked,
-        shown=shown(tables),
+        views=shown(tables),
         pictures=pictures,
         records=[partial(record, *each, settings, checked) for each in done if each[0].is_recorded],
     )
@@ -536,15 +536,15 @@ def checks(tables: dict[str, pd.DataFrame], from_mjcf: float) -> list[Check]:
     ]
 
 
-def shown(tables: dict[str, pd.DataFrame]) -> list[Shown]:
+def shown(tables: dict[str, pd.DataFrame]) -> list[TableView]:
     """The printed tables."""
     of_eq_40 = [
-        Shown(
+        TableView(
             "Eq. (40): largest relative change of J over the stroke",
             tables["variation"],
             "norm value:.5f certified_upper_bound:.5f paper:.4f",
         ),
-        Shown(
+        TableView(
             "Eq. (40), read in other ways",
             tables["tried"],
             "reading frobenius:.5f two:.5f low_fraction:.2f",
@@ -555,7 +555,7 @@ def shown(tables: dict[str, pd.DataFrame]) -> list[Shown]:
         return of_eq_40
     return [
         *of_eq_40,
-        Shown(
+        TableView(
             "Closed loop: deviation of the secondary goal from its optimum and error of the loop "
             "gain, %; differences from the Jacobian of each tick",
             tables["runs"],
@@ -563,7 +563,7 @@ def shown(tables: dict[str, pd.DataFrame]) -> list[Shown]:
             "loop_gain_error_percent:.2f pointing_rms_change_urad:.1e gamma_change_rms_urad:.1e",
             "spiral_factor: size over the paper's. extra: simulated; static: by geometry alone.",
         ),
-        Shown(
+        TableView(
             "Where a constant Jacobian costs 1 and 10 %, interpolated",
             tables["costs"],
             "cost percent:g spiral_factor:.0f e_visited_frobenius:.1e",

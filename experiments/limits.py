@@ -29,7 +29,7 @@ from fjh.rig.run import Run, rms
 from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLACK, BLUE, GREEN, VERMILION
 from fjh.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
-from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.result import Check, Picture, Result, TableView, check, origin
 from fjh.study.workers import call, in_parallel
 from ftc import Goal, PrioritizedController
 from ftc.control import circle_margin
@@ -508,7 +508,7 @@ def limits(
         },
         tables=tables,
         checks=checks(**tables),
-        shown=shown(**tables),
+        views=shown(**tables),
         pictures=[Picture("limits", CAPTION, ALT, drawn)],
         arrays={"spirals.npz": spirals, "arm.npz": motion},
     )
@@ -559,14 +559,14 @@ def checks(
 
 def shown(
     spirals: pd.DataFrame, arm: pd.DataFrame, conditions: pd.DataFrame, out_of_reach: pd.DataFrame
-) -> list[Shown]:
+) -> list[TableView]:
     """The printed tables."""
     columns = "strategy rms_urad:.0f peak_urad:.0f attainable_rms_urad:.0f recovery_s:.2f "
     columns += "secondary_rms_um:.0f rms_over_strict:.3f"
     flown = spirals.groupby("condition", sort=False)
     return [
-        *(Shown(f"Hexapod: {name}", group, columns) for name, group in flown),
-        Shown(
+        *(TableView(f"Hexapod: {name}", group, columns) for name, group in flown),
+        TableView(
             "What is attainable in each condition",
             conditions,
             "condition least_rms_urad:.0f not_attainable_s:.2f circle_margin:.2f",
@@ -574,12 +574,12 @@ def shown(
             "recovery: longest time for which an attainable target is missed by "
             f"{1e6 * RECOVERED_RAD:.0f} urad more than without limits.",
         ),
-        Shown(
+        TableView(
             "Arm: angle between desired and true line of sight",
             arm,
             "strategy rms_mrad:.2f peak_mrad:.2f at_limit_s:.1f rms_over_strict:.2f",
         ),
-        Shown(
+        TableView(
             "Hexapod, demands out of reach: error of the mapping alone above the least possible",
             out_of_reach,
             "strategy excess_median_percent:.2g excess_largest_percent:.2g",

@@ -30,7 +30,7 @@ from fjh.rig.run import Run
 from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLACK, GREEN
 from fjh.study.plotting import DESIRED, MEASURED, PAGE_IN, START, new_figure
-from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.result import Check, Picture, Result, TableView, check, origin
 from fjh.study.workers import call, in_parallel
 from ftc import Goal
 from ftc.fdi import Fault, fault_model
@@ -328,7 +328,7 @@ def release(
         settings=settings,
         tables=tables,
         checks=found,
-        shown=shown(**tables),
+        views=shown(**tables),
         pictures=[Picture("release", CAPTION, ALT, partial(figure, tables["sweep"], by_name))],
         arrays={"atlas.npz": atlas_arrays(atlas)},
         records=[partial(record, each, settings, found) for each in spirals],
@@ -378,17 +378,17 @@ HEADINGS = {
 }
 
 
-def shown(spirals: pd.DataFrame, sweep: pd.DataFrame, **_: pd.DataFrame) -> list[Shown]:
+def shown(spirals: pd.DataFrame, sweep: pd.DataFrame, **_: pd.DataFrame) -> list[TableView]:
     """The printed tables."""
     return [
-        Shown(
+        TableView(
             "Strut 1 without coil force: RMS of desired minus true angle, urad",
             spirals.rename(columns=HEADINGS),
             "name alpha:.3f alpha_lin:.3f beta:.3f beta_lin:.3f peak:.1f Ms:.2f",
             "free: without coil force; loose: without coil force and spring, no gravity. lin: by "
             "the linear model. peak: of the alpha error. Ms: peak sensitivity of the loops.",
         ),
-        Shown(
+        TableView(
             "Alpha reached at rest for a command of 100 urad",
             sweep,
             "suspension_over_swing:.0e alpha_simulated_urad:.2f alpha_elastic_urad:.2f "
@@ -408,7 +408,7 @@ def record(spiral: Spiral, settings: dict[str, Any], found: list[Check], folder:
         study="release",
         identity=f"release-{case.name}-seed{settings['seed']}",
         title=case.name,
-        said=[f"Seed {settings['seed']}, constant Jacobian, W_a; {lost[case.kind]}, {told}."],
+        notes=[f"Seed {settings['seed']}, constant Jacobian, W_a; {lost[case.kind]}, {told}."],
         parameters=recording_properties(settings) | spiral.plant,
         compared={} if case.time_s else {"linear model": list(1e6 * predicted_rad)},
         predicted=(predicted_rad, predicted_rad),

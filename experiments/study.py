@@ -15,11 +15,11 @@ import pandas as pd
 
 from fjh.study.errors import Interrupted, OutputError, Unsound, WrongInput
 from fjh.study.files import UNFINISHED
-from fjh.study.foreign import read_json
+from fjh.study.input_checks import check_file
 from fjh.study.option import OnProgress, Option
 from fjh.study.provenance import code_sha256, processor, versions
 from fjh.study.result import plain
-from fjh.study.spelling import check_file
+from fjh.study.untrusted_files import read_json
 from fjh.study.workers import CORES, cluster, finished, processes
 from sim.mjcf import model_sha256
 

@@ -29,11 +29,11 @@ from fjh.rig.prediction import MARGINAL, open_loop, pole_radius
 from fjh.rig.rig import Rig
 from fjh.rig.run import Run, rms
 from fjh.study.errors import WrongInput
+from fjh.study.input_checks import check_file
 from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLACK, BLUE, GREEN, PURPLE, SKY, VERMILION
 from fjh.study.plotting import COLUMN_IN, PAGE_IN, logarithmic, new_figure, one_legend
-from fjh.study.result import Check, Picture, Result, Shown, check, origin
-from fjh.study.spelling import check_file
+from fjh.study.result import Check, Picture, Result, TableView, check, origin
 from ftc.fdi import Fault
 from prioritized import failure_atlas
 from sim import NOMINAL, Array, ModelError, SimulationDiverged, load_model
@@ -313,21 +313,21 @@ def sweep(
         settings,
         {"groups": told, "status": status, "prediction": found, "influence": ranked},
         checks(beside),
-        shown=[
-            Shown(
+        views=[
+            TableView(
                 "RMS error, urad, by the struts that fail during the run, and whether the mapping "
                 "is told: median and 95th percentile",
                 told.set_axis(columns, axis=1),
                 "failures told runs alpha:.3f alpha_p95:.3f beta:.3f beta_p95:.3f",
             ),
-            Shown("How the runs ended", status, "status runs"),
-            Shown(
+            TableView("How the runs ended", status, "status runs"),
+            TableView(
                 "RMS errors beside the linear model's, over the runs that it covers",
                 found,
                 "compared off median_percent:.2g largest_percent:.2g",
                 f"off: by more than {100 * TOLERANCE:g} % and one step of the converters.",
             ),
-            Shown(
+            TableView(
                 "Spearman's rank correlation of what is varied with the RMS error",
                 ranked,
                 "name alpha:+.2f beta:+.2f",
@@ -420,15 +420,15 @@ def atlas(
         settings | {"conditions": len(factors["struts"]), "weights": factors["weight"]},
         {"verdicts": found, "disagreements": off},
         atlas_checks(beside),
-        shown=[
-            Shown(
+        views=[
+            TableView(
                 "RMS error, urad, by what is left of pointing: medians, and of the linear model",
                 found.set_axis([*columns, "compared", "off"], axis=1),
                 "verdict jacobian runs model_alpha:.3f alpha:.3f model_beta:.3f beta:.3f off:.2f",
                 "off: largest difference from the model, in percent, converter steps included, of "
                 "runs without saturated amplifiers.",
             ),
-            Shown(
+            TableView(
                 "Runs off the linear model, explained by a singularity of the nominal pose or not",
                 off,
                 "struts weight jacobian verdict off_over_allowed:.3g explained",

@@ -25,7 +25,7 @@ from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLACK, LINES
 from fjh.study.plotting import PAGE_IN, new_figure
 from fjh.study.provenance import version_properties
-from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.result import Check, Picture, Result, TableView, check, origin
 from fjh.study.workers import in_parallel
 from prioritized import ConstrainedSystem, Kinematics, failure_atlas
 from sim import HEXAPOD_MJCF, Array, Plant, jacobians, linearize, load_model
@@ -394,7 +394,7 @@ def systems(
         settings=settings,
         tables={"systems": table},
         checks=found,
-        shown=shown(table),
+        views=shown(table),
         pictures=[Picture("systems", CAPTION, ALT, partial(figure, groups))],
         arrays={
             # The number of the condition at the end of the names.
@@ -417,11 +417,11 @@ def checks(systems: pd.DataFrame) -> list[Check]:
     return found + check("major_error", each[~each.unstable_major].major_error, LIMIT)
 
 
-def shown(systems: pd.DataFrame) -> list[Shown]:
+def shown(systems: pd.DataFrame) -> list[TableView]:
     """The printed table."""
     short = {"constrained_active": "forbids", "self_motion": "motions", "largest_error": "error"}
     return [
-        Shown(
+        TableView(
             "Classification of each condition, and the largest error of its prediction",
             systems.rename(columns=short),
             "mechanism condition verdict motions forbids error:.0e",

@@ -30,6 +30,7 @@ from fjh.rig.options import Controller, JacobianChoice, MachineFile
 from fjh.rig.other_controller import controller_factory, controller_label, simulate_with
 from fjh.rig.rig import Rig
 from fjh.rig.run import Run, rms
+from fjh.study.input_checks import check_file
 from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 from fjh.study.plotting import (
@@ -41,8 +42,7 @@ from fjh.study.plotting import (
     new_figure,
     one_legend,
 )
-from fjh.study.result import Check, Picture, Result, Shown, check, origin
-from fjh.study.spelling import check_file
+from fjh.study.result import Check, Picture, Result, TableView, check, origin
 from fjh.study.workers import call, in_parallel
 from sim import Array, ModelError, load_model
 from sim.mjcf import model_sha256
@@ -176,7 +176,7 @@ def table1(
         settings=settings,
         tables={"columns": columns, "further_runs": further, "loops": margins},
         checks=checked,
-        shown=shown(columns, further, margins, settings),
+        views=shown(columns, further, margins, settings),
         notes=[f"{row['name']}: {row['failure']}." for row in rows.values() if row.get("failure")],
         pictures=pictures(runs, controller),
         records=[partial(keep, row, runs[key]) for key, row in rows.items()],
@@ -366,11 +366,11 @@ def printed(columns: pd.DataFrame, *names: str, cut: bool) -> pd.DataFrame:
 
 def shown(
     columns: pd.DataFrame, further: pd.DataFrame, loops: pd.DataFrame, settings: Mapping[str, Any]
-) -> list[Shown]:
+) -> list[TableView]:
     """The printed tables."""
     cut, theirs = metrics.is_cut(settings), columns[columns.origin == "other"]
     found = [
-        Shown(
+        TableView(
             f"Table I, configuration {settings['configuration']}: RMS of desired minus true angle, "
             f"{settings['duration_s']:g} s of the spiral",
             printed(columns, *BY_NAME, cut=cut),
@@ -379,13 +379,13 @@ def shown(
             "fitted to it, J_m M = I makes it equal to W_a, or it is predicted. detector: desired "
             "minus measured angle, as in the paper. mismatched: on another plant, with its floor.",
         ),
-        Shown(
+        TableView(
             "Further runs: difference from the table, or from the prediction",
             further,
             "runs largest_rms_difference_urad:.1e largest_relative_difference:.3f "
             "closure_residual_max_m:.1e",
         ),
-        Shown(
+        TableView(
             "Pointing loops",
             loops,
             "angle crossover_hz:.2f gain_margin_db:.1f phase_crossover_hz:.1f phase_margin_deg:.1f",
@@ -394,7 +394,7 @@ def shown(
     if len(theirs):
         title = f"Controller {theirs.controller.iloc[0]}: the same failures and the same noise"
         other = printed(columns, *theirs.name, cut=cut)
-        found.insert(1, Shown(title, other, " ".join(other.columns)))
+        found.insert(1, TableView(title, other, " ".join(other.columns)))
     return found
 
 
@@ -425,7 +425,7 @@ def record(
         study="table1",
         identity="-".join(word for word in words if word != "calibrated"),
         title=name,
-        said=[f"Column {name} of Table I: {said}", *filter(None, [row.get("failure")])],
+        notes=[f"Column {name} of Table I: {said}", *filter(None, [row.get("failure")])],
         parameters=metrics.recording_properties(dict(settings))
         | {key: row[key] for key in chosen if row.get(key)},
         compared=urad,

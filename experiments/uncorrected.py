@@ -32,7 +32,7 @@ from fjh.rig.run import Run, rms, zero_padded
 from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLUE, GREEN, VERMILION
 from fjh.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
-from fjh.study.result import Check, Picture, Result, Shown, check, origin
+from fjh.study.result import Check, Picture, Result, TableView, check, origin
 from fjh.study.workers import call, in_parallel
 from ftc.fdi import Fault
 from sim import NOMINAL, Array, ModelError, Plant, SimulationDiverged, linearize, load_model
@@ -412,7 +412,7 @@ def uncorrected(
         settings=settings,
         tables=tables,
         checks=found,
-        shown=shown(**tables),
+        views=shown(**tables),
         pictures=[Picture("uncorrected", CAPTION, ALT, partial(figure, candidates))],
         arrays=arrays,
         records=records,
@@ -487,11 +487,11 @@ def checks(runs: pd.DataFrame) -> list[Check]:
     ]
 
 
-def shown(candidates: pd.DataFrame, runs: pd.DataFrame, **_: pd.DataFrame) -> list[Shown]:
+def shown(candidates: pd.DataFrame, runs: pd.DataFrame, **_: pd.DataFrame) -> list[TableView]:
     """The printed table."""
     known = runs[runs.column == "W_d"].set_index("candidate").add_prefix("W_d_")
     return [
-        Shown(
+        TableView(
             "Strut 1 locked, uncorrected: RMS errors over those of W_a, and RMS errors of W_d",
             candidates.join(known, on="name"),
             "name alpha_ratio:.2f beta_ratio:.2f W_d_alpha_rms_urad:.1f W_d_beta_rms_urad:.1f "
@@ -513,7 +513,7 @@ def record(
         study="uncorrected",
         identity=f"uncorrected-{candidate.name}-seed{seed}",
         title=candidate.name,
-        said=["Strut 1 locked, W_a uncorrected, constant Jacobian."],
+        notes=["Strut 1 locked, W_a uncorrected, constant Jacobian."],
         parameters=recording_properties(dict(settings)) | differs,
         # The paper's numbers are of the whole spiral.
         compared=paper if settings["duration_s"] == BENCH.duration_s else {},

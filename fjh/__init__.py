@@ -59,9 +59,9 @@ if TYPE_CHECKING:
     from sim import pose_of as pose_of
 
 if not (Path(__file__).parent / "prioritized").is_dir():  # a checkout
-    from fjh._checkout import find_beside
+    from fjh._checkout import alias_folders
 
-    find_beside(Path(__file__).parents[1])
+    alias_folders(Path(__file__).parents[1])
 
 _PLACES = {
     name.asname: (node.module, name.name) if isinstance(node, ast.ImportFrom) else (name.name, "")

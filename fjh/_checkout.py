@@ -1,6 +1,6 @@
-"""In a checkout, `fjh.sim` is the folder `sim` beside this one: one module under two names.
+"""Import hook of a checkout: `fjh.sim` is the module `sim`, of the folder next to this one.
 
-The wheel leaves this file out. There the folders are below `fjh` (`hatch_build.py`).
+The wheel does not contain this file; there the folders are below `fjh` (`hatch_build.py`).
 """
 
 import sys
@@ -15,27 +15,27 @@ from types import ModuleType
 FOLDERS = ("argument_checks", "experiments", "ftc", "kernels", "prioritized", "sim")
 
 
-def find_beside(root: Path) -> None:
-    """Let `fjh.NAME` be NAME, for the folders of the checkout `root`.
+def alias_folders(root: Path) -> None:
+    """Make `fjh.NAME` an alias of NAME, for the folders of the checkout `root`.
 
     Raises:
         ImportError: Python finds another package or module of that name first.
     """
     for name in FOLDERS:
         spec = find_spec(name)
-        found = Path(spec.origin).parent if spec and spec.origin else None
-        if found != root / name:
+        folder = Path(spec.origin).parent if spec and spec.origin else None
+        if folder != root / name:
             raise ImportError(
                 f"`import {name}` finds {spec.origin or 'a folder' if spec else 'nothing'}, not "
                 f"{root / name}: rename it, or install fjh (pip install {root}), which has no "
                 "other name",
                 name="fjh",
             )
-    sys.meta_path.insert(0, _Beside())
+    sys.meta_path.insert(0, _FolderFinder())
 
 
-class _Beside(MetaPathFinder, Loader):
-    """Finds and loads `fjh.NAME...` as NAME..."""
+class _FolderFinder(MetaPathFinder, Loader):
+    """Finder and loader of `fjh.NAME...` as NAME..."""
 
     def __init__(self) -> None:
         self._specs: dict[str, ModuleSpec | None] = {}
@@ -43,8 +43,8 @@ class _Beside(MetaPathFinder, Loader):
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        package, _, rest = name.partition(".")
-        if package == "fjh" and rest.partition(".")[0] in FOLDERS:
+        package, _, submodule = name.partition(".")
+        if package == "fjh" and submodule.partition(".")[0] in FOLDERS:
             return ModuleSpec(name, self)
         return None
 
@@ -54,6 +54,6 @@ class _Beside(MetaPathFinder, Loader):
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        """The module ran under its own name; it gets back what the import has replaced."""
+        """Restore the module's spec, which the import replaced; the module has already run."""
         name = module.__spec__.name if module.__spec__ else ""
         module.__spec__ = self._specs.pop(name)

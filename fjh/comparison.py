@@ -1,4 +1,4 @@
-"""Two results of a study: what differs by more than noise."""
+"""Comparison of two results of a study: differences larger than noise."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,51 +11,51 @@ from scipy.stats import mannwhitneyu
 
 from fjh.result_frames import is_table, runs_of
 from fjh.study.errors import WrongInput
-from fjh.study.foreign import read_json
+from fjh.study.untrusted_files import read_json
 
-REPEATED, ANOTHER_DRAW, OF_LARGEST, LEVEL = 1e-6, 0.05, 0.01, 0.01
-"""What noise is, see :func:`compare`."""
+REPEATED, RESAMPLED, OF_LARGEST, LEVEL = 1e-6, 0.05, 0.01, 0.01
+"""Thresholds of noise, see :func:`compare`."""
 SMALLEST, LARGEST, SENTENCE = 1e-9, 1e9, 40
-"""Smaller numbers are round-off, larger ones its reciprocals; longer words are sentences."""
+"""Numbers below or above are round-off or its reciprocals; longer text is a sentence."""
 ORIGIN = {"versions", "model_sha256", "machine", "basis", "took"}
 SETTINGS = {"seed", "duration_s", "configuration", "jacobian", "bench", "rules", "dither", "robot"}
-"""Settings of results that do not list theirs."""
-DRAWN_FROM = {"flights", "events", "design", "seed"}
-"""What rows of a dataset are drawn from, of its basis."""
+"""Settings of results that do not list their settings."""
+SAMPLING_KEYS = {"flights", "events", "design", "seed"}
+"""Keys of the basis of a dataset from which its rows are sampled."""
 NOT_COMPARED = {"experiment", "files", "dataset", "recording", "data", "checks", "settings"}
 ABSENT, PRINTED = "absent", 15
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """How two results of a study differ; the frames have the columns place, a, b.
+    """Differences of two results of a study; the frames have the columns place, a, b.
 
     Attributes:
-        study: Its name.
+        study: Name of the study.
         settings: Settings and versions that differ.
-        drawn: Whether the runs were drawn otherwise: by another seed or other settings.
-        changed: Values that changed by more than noise, the largest change first, and the change
-            as a part of the larger value.
-        compared: How many values were compared.
-        absent: Values that one of them has alone.
-        failing: Checks that fail in the second and did not in the first: what, where, value, limit.
+        resampled: Whether the runs have another seed or other settings.
+        changed: Values that changed by more than noise, with the change relative to the larger
+            value, in descending order.
+        compared: Number of compared values.
+        absent: Values that only one result has.
+        failing: Checks that fail only in the second result: what, where, value, limit.
     """
 
     study: str
     settings: pd.DataFrame
-    drawn: bool
+    resampled: bool
     changed: pd.DataFrame
     compared: int
     absent: pd.DataFrame
     failing: pd.DataFrame
 
     def __str__(self) -> str:
-        """The comparison in Markdown."""
+        """Return the comparison in Markdown."""
         headings = {
             "settings differ": self.settings,
             f"of {self.compared} values changed by more than noise": self.changed,
-            "values are in one of them alone": self.absent,
-            "checks fail that did not": self.failing,
+            "values are in only one result": self.absent,
+            "checks fail that passed before": self.failing,
         }
         parts = [f"**{self.study}**"]
         for heading, frame in headings.items():
@@ -70,15 +70,15 @@ class Comparison:
 def compare(a: Path | str, b: Path | str) -> Comparison:
     """Compare two results of one study, each a folder or a JSON file.
 
-    Noise is, where the settings are the same, 1e-6 of a number: a study repeats its numbers, and
-    other processors differ by 1e-8. Under another seed or other settings it is 5 % of a number and
-    1 % of the largest of its name; of a rate with stated bounds of 95 % confidence, that
-    both ranges have something in common; and of the rows of a dataset, column by column, that the
-    test of Mann, Whitney and Wilcoxon cannot tell two samples apart, at 1 % for all columns
-    together. Numbers below 1e-9 are round-off; sentences are not compared.
+    With equal settings, relative changes up to 1e-6 are noise: studies are reproducible, other
+    processors differ by 1e-8. With another seed or other settings, noise is a change of at most 5 %
+    of a number or 1 % of the largest number of the same name; for a rate with stated 95 %
+    confidence bounds, overlapping ranges; and for the rows of a dataset, no significant difference
+    of a column in the Mann-Whitney U test, at the level 1 % for all columns together. Numbers below
+    1e-9 are round-off; sentences are not compared.
 
     Raises:
-        WrongInput: One of them is no result of a study, or both are of different studies.
+        WrongInput: An argument is no result of a study, or the results are of different studies.
     """
     (first, one), (second, other) = _result(Path(a)), _result(Path(b))
     study = one["experiment"]
@@ -88,48 +88,48 @@ def compare(a: Path | str, b: Path | str) -> Comparison:
         pairs = list(_pairs(one, other, ()))
     except RecursionError:
         raise WrongInput(f"{a} or {b} is nested too deeply") from None
-    found = pd.DataFrame(pairs, columns=["path", "a", "b", "disjoint"])
-    top, inner, name = (found.path.str[k] for k in (0, 1, -1))
-    found.insert(0, "place", found.path.map(".".join))
-    found["change"] = [_change(x, y) for x, y in zip(found.a, found.b, strict=True)]
+    values = pd.DataFrame(pairs, columns=["path", "a", "b", "disjoint"])
+    top, inner, name = (values.path.str[k] for k in (0, 1, -1))
+    values.insert(0, "place", values.path.map(".".join))
+    values["change"] = [_change(x, y) for x, y in zip(values.a, values.b, strict=True)]
     settings = {*one.get("settings", SETTINGS), *other.get("settings", SETTINGS)} - ORIGIN
     is_about = top.isin(settings | ORIGIN) | (name == "seed")
-    is_absent = found.a.eq(ABSENT) | found.b.eq(ABSENT)
-    is_draw = top.isin(settings) | (top.eq("basis") & inner.isin(DRAWN_FROM))
-    # A setting that only one version has is no other draw.
-    drawn = bool((is_draw & found.change.gt(0) & ~is_absent).any())
-    has_bounds = found.disjoint.notna() & drawn
+    is_absent = values.a.eq(ABSENT) | values.b.eq(ABSENT)
+    is_sampling_key = top.isin(settings) | (top.eq("basis") & inner.isin(SAMPLING_KEYS))
+    # A setting that only one version has does not change the sample.
+    resampled = bool((is_sampling_key & values.change.gt(0) & ~is_absent).any())
+    has_bounds = values.disjoint.notna() & resampled
     compared = ~is_about & ~is_absent
-    if drawn and "dataset" in one:
+    if resampled and "dataset" in one:
         compared &= has_bounds
-    size = found[["a", "b"]].map(lambda each: abs(each) if _is_number(each) else 0.0).max(axis=1)
-    beyond = found.change > REPEATED
-    if drawn:
+    size = values[["a", "b"]].map(lambda x: abs(x) if _is_number(x) else 0.0).max(axis=1)
+    beyond = values.change > REPEATED
+    if resampled:
         largest = size.where(compared, 0.0).groupby(name).transform("max")
-        moved = found.change.replace(np.inf, 1.0) * size
-        is_word = found.change == np.inf
-        beyond = (found.change > ANOTHER_DRAW) & ((moved >= OF_LARGEST * largest) | is_word)
-    apart = found.disjoint.eq(True) & found.change.gt(0)
-    changed = found[compared & apart.where(has_bounds, beyond)]
+        moved = values.change.replace(np.inf, 1.0) * size
+        is_text = values.change == np.inf
+        beyond = (values.change > RESAMPLED) & ((moved >= OF_LARGEST * largest) | is_text)
+    disjoint = values.disjoint.eq(True) & values.change.gt(0)
+    changed = values[compared & disjoint.where(has_bounds, beyond)]
     count = int(compared.sum())
-    if drawn and "dataset" in one:
+    if resampled and "dataset" in one:
         medians, tested = shifted(runs_of(first, one), runs_of(second, other))
         changed, count = pd.concat([changed, medians]), count + tested
     changed = changed.sort_values("change", ascending=False, kind="stable")
     columns = ["place", "a", "b"]
     return Comparison(
         study,
-        found.loc[is_about & found.change.gt(0), columns],
-        drawn,
+        values.loc[is_about & values.change.gt(0), columns],
+        resampled,
         changed[[*columns, "change"]],
         count,
-        found.loc[is_absent & ~is_about, columns],
+        values.loc[is_absent & ~is_about, columns],
         _failing(one, other),
     )
 
 
 def _result(place: Path) -> tuple[Path, dict[str, Any]]:
-    """Folder and contents of a result."""
+    """Return folder and contents of a result."""
     for file in sorted(place.glob("*.json")) if place.is_dir() else [place]:
         content = read_json(file)
         if isinstance(content, dict) and isinstance(content.get("experiment"), str):
@@ -138,46 +138,49 @@ def _result(place: Path) -> tuple[Path, dict[str, Any]]:
 
 
 def _pairs(a: Any, b: Any, path: tuple[str, ...], disjoint: bool | None = None) -> Iterator[Any]:
-    """Path and both values of all numbers and words; and whether their stated ranges are apart."""
+    """Yield path and both values of each number and text, and whether stated ranges are disjoint.
+
+    The last is None for values without a range.
+    """
     if is_table(a) and is_table(b):
         a, b = _labelled(a, b)
     elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
-        a, b = ({str(k): each for k, each in enumerate(one)} for one in (a, b))
+        a, b = ({str(k): entry for k, entry in enumerate(one)} for one in (a, b))
     if not (isinstance(a, dict) and isinstance(b, dict)):
         yield path, a, b, disjoint
         return
-    apart, bounds = _apart(a, b)
+    ranges, bounds = _disjoint_ranges(a, b)
     for key in dict.fromkeys((*a, *b)):
         if key not in NOT_COMPARED | bounds:
-            whose = next((each for each in apart if key in (f"{each}rate", f"{each}count")), "")
-            own = apart.get(whose)
-            yield from _pairs(a.get(key, ABSENT), b.get(key, ABSENT), (*path, key), own)
+            name = next((name for name in ranges if key in (f"{name}rate", f"{name}count")), "")
+            of_key = ranges.get(name)
+            yield from _pairs(a.get(key, ABSENT), b.get(key, ABSENT), (*path, key), of_key)
 
 
 def _labelled(a: list[dict[str, Any]], b: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Rows of two tables by the values of the fewest first columns that tell them apart."""
-    keys = [key for key in a[0] if all(key in each for each in a + b)]
-    for many in range(1, len(keys) + 1):
-        names = [[", ".join(str(row[k]) for k in keys[:many]) for row in one] for one in (a, b)]
-        found = [dict(zip(own, one, strict=True)) for own, one in zip(names, (a, b), strict=True)]
-        if [len(found[0]), len(found[1])] == [len(a), len(b)]:
-            return found
+    """Return the rows of two tables by the values of the fewest first columns that are unique."""
+    keys = [key for key in a[0] if all(key in row for row in a + b)]
+    for count in range(1, len(keys) + 1):
+        names = [[", ".join(str(row[k]) for k in keys[:count]) for row in one] for one in (a, b)]
+        tables = [dict(zip(of, one, strict=True)) for of, one in zip(names, (a, b), strict=True)]
+        if [len(tables[0]), len(tables[1])] == [len(a), len(b)]:
+            return tables
     return [{str(k): row for k, row in enumerate(one)} for one in (a, b)]
 
 
-def _apart(a: dict[str, Any], b: dict[str, Any]) -> tuple[dict[str, bool], set[str]]:
-    """Whether the ranges that two entries state have nothing in common; and the keys of these.
+def _disjoint_ranges(a: dict[str, Any], b: dict[str, Any]) -> tuple[dict[str, bool], set[str]]:
+    """Return whether the ranges stated in two entries are disjoint, and the keys of the bounds.
 
-    A range is that of `NAME_rate` and `NAME_count`, by what its keys begin with, or of all.
+    A range applies to `NAME_rate` and `NAME_count`, with the prefix of its keys, or to all.
     """
-    apart, bounds = dict[str, bool](), set[str]()
+    disjoint, bounds = dict[str, bool](), set[str]()
     for lower in [key for key in a if "_low" in f"_{key}"]:
         name, _, end = lower.rpartition("low")
         keys = lower, f"{name}high{end}"
-        if all(_is_number(each.get(key)) for key in keys for each in (a, b)):
-            apart[name] = b[keys[0]] > a[keys[1]] or b[keys[1]] < a[keys[0]]
+        if all(_is_number(entry.get(key)) for key in keys for entry in (a, b)):
+            disjoint[name] = b[keys[0]] > a[keys[1]] or b[keys[1]] < a[keys[0]]
             bounds |= {*keys}
-    return apart, bounds
+    return disjoint, bounds
 
 
 def _is_number(value: Any) -> bool:
@@ -185,7 +188,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _change(a: Any, b: Any) -> float:
-    """The change over the larger of two numbers; infinite where words differ."""
+    """Return the change relative to the larger of two numbers; infinite for texts that differ."""
     if _is_number(a) and _is_number(b):
         size = max(abs(a), abs(b))
         is_round_off = size < SMALLEST or min(abs(a), abs(b)) > LARGEST
@@ -195,7 +198,7 @@ def _change(a: Any, b: Any) -> float:
 
 
 def shifted(a: pd.DataFrame, b: pd.DataFrame) -> tuple[pd.DataFrame, int]:
-    """Medians of columns in which two samples of rows differ; how many columns were tested."""
+    """Return medians of the columns in which two samples differ, and the number of tests."""
     rows = []
     for name in [name for name in a.select_dtypes("number") if name in b and name != "case"]:
         x, y = a[name].dropna(), b[name].dropna()
@@ -203,13 +206,13 @@ def shifted(a: pd.DataFrame, b: pd.DataFrame) -> tuple[pd.DataFrame, int]:
             medians = float(x.median()), float(y.median())
             p = mannwhitneyu(x, y).pvalue
             rows.append((f"median of {name}", *medians, _change(*medians), p))
-    found = pd.DataFrame(rows, columns=["place", "a", "b", "change", "p"])
-    return found[found.p < LEVEL / max(len(found), 1)], len(found)
+    tested = pd.DataFrame(rows, columns=["place", "a", "b", "change", "p"])
+    return tested[tested.p < LEVEL / max(len(tested), 1)], len(tested)
 
 
 def _failing(a: dict[str, Any], b: dict[str, Any]) -> pd.DataFrame:
-    """Checks that fail in the second result and did not in the first."""
-    failed = [[check for check in each.get("checks", []) if not check["passed"]] for each in (a, b)]
-    before = {(check["what"], check["where"]) for check in failed[0]}
-    new = [check for check in failed[1] if (check["what"], check["where"]) not in before]
+    """Return the checks that fail only in the second result."""
+    failed = [[check for check in one.get("checks", []) if not check["passed"]] for one in (a, b)]
+    former = {(check["what"], check["where"]) for check in failed[0]}
+    new = [check for check in failed[1] if (check["what"], check["where"]) not in former]
     return pd.DataFrame(new, columns=["what", "where", "value", "limit"])

@@ -1,4 +1,4 @@
-"""Results of studies in folders, as data frames."""
+"""Data frames of the results of studies in folders."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -9,16 +9,16 @@ import pandas as pd
 
 from fjh.recording.properties import properties_of
 from fjh.study.errors import WrongInput
-from fjh.study.foreign import read_json
+from fjh.study.untrusted_files import read_json
 
 
 @dataclass(frozen=True)
 class Results:
-    """What studies left in folders; `study` and `folder` are the first columns of each frame.
+    """Results of studies in folders; `study` and `folder` are the first columns of each frame.
 
     Attributes:
-        runs: A row for each run, as the study's dataset or its first table has it; of folders
-            without JSON, a row for each recording with its properties.
+        runs: A row for each run, from the study's dataset or its first table; for folders without
+            JSON, a row for each recording with its properties.
         checks: A row for each check: what, where, value, limit, passed.
         files: A row for each file: file, kind (its suffix).
     """
@@ -29,54 +29,53 @@ class Results:
 
 
 def results(*places: Path | str) -> Results:
-    """Read the results in some folders and in all folders below them but hidden ones.
+    """Read the results in some folders and in all folders below them, without hidden ones.
 
     Raises:
-        WrongInput: There are none, or a file of them cannot be read.
+        WrongInput: The folders have no results, or a file cannot be read.
     """
-    found = [
+    studies = [
         frames
         for place in map(Path, places)
         for folder in (place, *sorted(place.rglob("*/")))
         if not any(part.startswith(".") for part in folder.relative_to(place).parts)
         for frames in _of_folder(folder)
     ]
-    if not found:
-        raise WrongInput(f"no results of a study are in {', '.join(map(str, places)) or 'nothing'}")
-    return Results(*(pd.concat(each, ignore_index=True) for each in zip(*found, strict=True)))
+    if not studies:
+        folders = ", ".join(map(str, places)) or "an empty list of folders"
+        raise WrongInput(f"no results of a study are in {folders}")
+    return Results(*(pd.concat(parts, ignore_index=True) for parts in zip(*studies, strict=True)))
 
 
 def _of_folder(folder: Path) -> Iterator[tuple[pd.DataFrame, ...]]:
-    """Runs, checks and files of each study with results in a folder itself."""
+    """Yield runs, checks and files of each study with results in a folder itself."""
     contents = [read_json(file) for file in sorted(folder.glob("*.json"))]
-    studies = [each for each in contents if isinstance(each, dict) and "experiment" in each]
+    studies = [one for one in contents if isinstance(one, dict) and "experiment" in one]
     if not studies and (recordings := sorted(folder.glob("*.rrd"))):
         runs = [{"recording": file.stem} | properties_of(file) for file in recordings]
-        yield _named(folder, "", runs, [], [file.name for file in recordings])
-    for each in studies:
-        name = each["experiment"]
-        yield _named(
-            folder, name, runs_of(folder, each), each.get("checks", []), each.get("files", [])
-        )
+        yield _frames(folder, "", runs, [], [file.name for file in recordings])
+    for study in studies:
+        lists = study.get("checks", []), study.get("files", [])
+        yield _frames(folder, study["experiment"], runs_of(folder, study), *lists)
 
 
-def _named(
+def _frames(
     folder: Path, name: str, runs: Any, checks: list[Any], files: list[str]
 ) -> tuple[pd.DataFrame, ...]:
     kinds = [{"file": file, "kind": Path(file).suffix} for file in files]
-    frames = [pd.DataFrame(each) for each in (runs, checks, kinds)]
-    # Numbers of other studies may be missing beside them, and whole numbers stay whole.
-    frames = [each.astype(dict.fromkeys(each.select_dtypes("integer"), "Int64")) for each in frames]
+    frames = [pd.DataFrame(rows) for rows in (runs, checks, kinds)]
+    # Integers remain integers next to missing values of other studies.
+    frames = [one.astype(dict.fromkeys(one.select_dtypes("integer"), "Int64")) for one in frames]
     for k, frame in enumerate(frames):
-        own = frame.get("study", name)  # a recording says itself which study it is of
+        study = frame.get("study", name)  # a recording states its study
         frames[k] = frame.drop(columns=["study", "folder"], errors="ignore")
         frames[k].insert(0, "folder", str(folder))
-        frames[k].insert(0, "study", own)
+        frames[k].insert(0, "study", study)
     return tuple(frames)
 
 
 def runs_of(folder: Path, content: Mapping[str, Any]) -> pd.DataFrame:
-    """The runs of a study from the contents of its JSON file, and the dataset that this names."""
+    """Return the runs of a study from the contents of its JSON file and the dataset named there."""
     if dataset := content.get("dataset"):
         file = folder / Path(dataset).name
         try:
@@ -91,5 +90,5 @@ def runs_of(folder: Path, content: Mapping[str, Any]) -> pd.DataFrame:
 
 
 def is_table(value: Any) -> bool:
-    """Whether an entry of a study's JSON holds rows."""
-    return isinstance(value, list) and bool(value) and all(isinstance(each, dict) for each in value)
+    """Return whether an entry of a study's JSON is a list of rows."""
+    return isinstance(value, list) and bool(value) and all(isinstance(row, dict) for row in value)

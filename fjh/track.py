@@ -1,4 +1,4 @@
-"""The study `track`: any robot on a path, failures in flight, and what they cost; docs/track.md."""
+"""The study `track`: errors of any robot on a path before and after failures; docs/track.md."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from fjh.recording.record import About, write_views
 from fjh.recording.view import stated_of, view_of
-from fjh.rig import options as its
+from fjh.rig import options as rig_options
 from fjh.rig import reach
 from fjh.rig.advice import advice
 from fjh.rig.dither import dither_entry, not_isolable, rig_dither
@@ -33,32 +33,32 @@ from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLACK, BLUE, GREEN, PURPLE, VERMILION
 from fjh.study.plotting import PAGE_IN, new_figure, one_legend
 from fjh.study.provenance import version_properties, versions
-from fjh.study.result import Check, Picture, Result, Shown, check
+from fjh.study.result import Check, Picture, Result, TableView, check
 from ftc import deciding_sentence, is_possible
 from ftc.fdi import Fault
 from sim import CLOSURE_TOLERANCE, Array, Failure, SimulationDiverged
 from sim.plant import NonlinearityMonitor, dry_friction
 
 NONE: list[Any] = []
-"""Nothing happens."""
+"""Default of failures and events: none."""
 
 
-class Flown(NamedTuple):
-    """One path with the same failures, events and noise, flown by several controllers."""
+class TrackedRuns(NamedTuple):
+    """Runs on one path with the same failures, events and noise, by several controllers."""
 
     rig: Rig
     run: Run  # with diagnosis, unless it is off
-    undiagnosed: Run | None  # None where nothing happens, it is off, or the physics diverged
+    undiagnosed: Run | None  # None without failures or diagnosis, or if the physics diverged
     other: Run | None  # with the controller of a user
-    met: Sequence[str]  # effects outside the linear model, in `run`
-    predicted: Prediction  # of a controller that is told of failures at once, or never
-    comparable: Prediction  # of one that is told when `run` diagnosed them
+    unmodeled: Sequence[str]  # effects outside the linear model, in `run`
+    predicted: Prediction  # for a controller informed of failures at onset, or never
+    comparable: Prediction  # for a controller informed when `run` diagnosed them
 
 
 def track(
     *,
-    model: its.Model = None,
-    seed: Annotated[int, seed_of("the sensors' noise, and what is drawn of events")] = 0,
+    model: rig_options.Model = None,
+    seed: Annotated[int, seed_of("the sensors' noise, and of random parameters of events")] = 0,
     quick: Annotated[
         bool,
         Option(
@@ -77,8 +77,8 @@ def track(
         list[str | Event],
         Option(
             metavar="NAME[:ACTUATOR]@S",
-            help="Something else that happens: an event of docs/track.md, its actuator where it is "
-            "of one, and time in seconds. May be repeated.",
+            help="Another event of docs/track.md: name, its actuator if it has one, and time in "
+            "seconds. May be repeated.",
         ),
     ] = NONE,
     path: Annotated[
@@ -89,169 +89,170 @@ def track(
             "displacements from the start, [rad] or [m].",
         ),
     ] = "circle",
-    turn: its.Turn = 4.0,
-    duration: Annotated[float, Option(metavar="S", help="Of the run, in seconds.")] = 8.0,
-    robot: its.RobotOptions = its.DEFAULT_OPTIONS,
+    turn: rig_options.Turn = 4.0,
+    duration: Annotated[float, Option(metavar="S", help="Duration of the run in seconds.")] = 8.0,
+    robot: rig_options.RobotOptions = rig_options.DEFAULT_OPTIONS,
     diagnosis: Annotated[
-        its.Switch,
-        Option(
-            help="on: failures are diagnosed, and the mapping is reconfigured; off: it goes on."
-        ),
+        rig_options.Switch,
+        Option(help="on: failures are diagnosed, and the mapping is reconfigured; off: neither."),
     ] = "on",
-    dither: its.Dither = "default",
-    controller: its.Controller = None,
+    dither: rig_options.Dither = "default",
+    controller: rig_options.Controller = None,
     on_progress: OnProgress,
 ) -> Result:
     """Track a path with any robot while its actuators fail.
 
     The robot is an MJCF file as downloaded; without one it is the hexapod, whose frame, loops and
-    sensors are those of the testbed: it takes none of the options for these. The major rows are
+    sensors are those of the testbed: the options for these do not apply to it. The major rows are
     controlled in a closed loop through the mapping, at the joint positions of a keyframe or qpos0.
     An actuator that fails is diagnosed from the measurements, and the mapping is reconfigured. The
-    errors are compared with the linear model of the plant, and where something fails or happens
-    with the same run without diagnosis. A minute for most robots.
+    errors are compared with the linear model of the plant, and after failures or events with the
+    same run without diagnosis. A minute for most robots.
 
     Writes track.json, the tables as track.md, every tick as track.npz, the figure track.png, and
     the recording track.rrd with the mechanism in 3D, its path, actuators and failures.
 
     Example: fjh track panda.xml --site hand --major x,y,z --fail actuator4:locked@4 --out panda
     """
-    told, scale = diagnosis == "on", 0.5 if quick else 1.0
+    diagnoses, scale = diagnosis == "on", 0.5 if quick else 1.0
     failed: list[Failure] = parsed("--fail", Failure, fail)
     other_events: list[Event] = parsed("--event", Event, event)
-    its.check_bounds("turn", turn)
-    its.check_bounds("duration", duration)
+    rig_options.check_bounds("turn", turn)
+    rig_options.check_bounds("duration", duration)
     if controller is not None:
-        controller_factory(controller)  # a wrong name is refused before anything runs
-    is_asked = dither not in ("none", "default")
-    if is_asked and not told:
+        controller_factory(controller)  # raises for a wrong name before the first run
+    is_requested = dither not in ("none", "default")
+    if is_requested and not diagnoses:
         raise WrongInput(f"--dither {dither} is for the diagnosis, which is off")
-    for flag, given in (("--fail", failed), ("--event", other_events)):
-        if late := [each.time_s for each in given if not each.time_s < duration]:
+    for flag, incidents in (("--fail", failed), ("--event", other_events)):
+        if late := [one.time_s for one in incidents if not one.time_s < duration]:
             end = f"before the run ends at {duration:g} s"
             raise WrongInput(f"{flag} must be {end}, got {late[0]:g} s")
     rig = rig_of(model, robot)
     desired = rig.path(path, duration_s=scale * duration, turn_s=turn)
-    announced, events, failures = happening(rig, failed, other_events, scale, seed)
+    announced, events, failures = scheduled(rig, failed, other_events, scale, seed)
     reach.check_reachable(rig, desired)
     for warning in rig.warnings:
         notice(warning)
-    design = rig_dither(rig, dither if told else "none")
-    if is_asked and design is None:
+    design = rig_dither(rig, dither if diagnoses else "none")
+    if is_requested and design is None:
         raise WrongInput(f"--dither {dither}: the major task leaves no motion for a dither")
     advised = partial(advice, rig, model, robot, dither)
-    for each in not_isolable(rig, design, desired, failures) if told else ():
-        notice(f"{failure_text(rig, each)} may not be found: {advised(each)}")
+    for failure in not_isolable(rig, design, desired, failures) if diagnoses else ():
+        notice(f"{failure_text(rig, failure)} may not be identified: {advised(failure)}")
 
-    compares = told and bool(failures or events)
-    runs, met = 1 + compares + (controller is not None), NonlinearityMonitor(rig.model, rig.part)
+    compares = diagnoses and bool(failures or events)
+    count, monitor = (
+        1 + compares + (controller is not None),
+        NonlinearityMonitor(rig.model, rig.part),
+    )
 
-    def on_tick(before: int, done: int) -> None:
+    def on_tick(former: int, done: int) -> None:
         if done % 100 == 0 or done == len(desired):
-            on_progress(before * len(desired) + done, runs * len(desired))
+            on_progress(former * len(desired) + done, count * len(desired))
 
-    how: dict[str, Any] = {"failures": announced, "seed": seed}
+    case: dict[str, Any] = {"failures": announced, "seed": seed}
     moving = design and design.dither
-    own: Any = rig.supervisor(moving) if told else rig.controller()
-    run = rig.fly(own, desired, events=[*events, met], on_tick=partial(on_tick, 0), **how)
+    first: Any = rig.supervisor(moving) if diagnoses else rig.controller()
+    run = rig.fly(first, desired, events=[*events, monitor], on_tick=partial(on_tick, 0), **case)
     undiagnosed = other = None
-    how["events"] = events
+    case["events"] = events
     if compares:
         with suppress(SimulationDiverged):
-            undiagnosed = rig.fly(rig.controller(), desired, on_tick=partial(on_tick, 1), **how)
+            undiagnosed = rig.fly(rig.controller(), desired, on_tick=partial(on_tick, 1), **case)
     if controller is not None:
         other, _ = simulate_with(
-            rig, controller, desired, on_tick=partial(on_tick, runs - 1), **how
+            rig, controller, desired, on_tick=partial(on_tick, count - 1), **case
         )
 
-    learnt, predict = reach.diagnosed_at_s(rig, run, failures), reach.predictor(rig, run, moving)
-    predicted = predict(told=told)
-    comparable = predict(told=learnt) if failures and not events else predicted
-    flown = Flown(rig, run, undiagnosed, other, list(met.sentences), predicted, comparable)
+    known_s, predict = reach.diagnosed_at_s(rig, run, failures), reach.predictor(rig, run, moving)
+    predicted = predict(told=diagnoses)
+    comparable = predict(told=known_s) if failures and not events else predicted
+    runs = TrackedRuns(rig, run, undiagnosed, other, [*monitor.sentences], predicted, comparable)
     faults = [Fault.of(failure) for failure in run.failures]
     reports = [rig.classified(faults[:count]) for count in range(1, len(faults) + 1)]
     settings = {"seed": seed, "diagnosis": diagnosis, "controller": controller}
-    settings |= settings_of(flown) | {"dither": dither_entry(design, rig)}
-    rows, named = rows_of(flown), diagnosis_entries(rig, run)
-    found = agreement(flown, rows) | {
+    settings |= settings_of(runs) | {"dither": dither_entry(design, rig)}
+    rows, entries = rows_of(runs), diagnosis_entries(rig, run)
+    results = compare_prediction(runs, rows) | {
         "closure_residual_max_m": run.closure_max_m,
         "possible_after": [is_possible(report) for report in reports],
-        "diagnoses": named,
+        "diagnoses": entries,
         "status": run.status,
         "advice": [
             f"{failure_text(rig, failure)} was not diagnosed: {advised(failure)}"
-            for failure, learnt_at_s in zip(failures, learnt, strict=True)
-            if told and learnt_at_s is None
+            for failure, time_s in zip(failures, known_s, strict=True)
+            if diagnoses and time_s is None
         ],
         "task_lost": run.task_lost,
         "lost": run.lost,
         "limited_by": None if events or run.lost else reach.limited_by(rig, run, predicted),
         "controller_failure": other and other.state.failure,
     }
-    log = happened(flown, reports, named)
-    found["verdict"] = verdict(settings | found, *log)
-    everything = settings | found
+    log = event_log(runs, reports, entries)
+    results["verdict"] = summary(settings | results, *log)
+    everything = settings | results
     arrays = run.arrays | {f"other_{k}": v for k, v in (other.arrays if other else {}).items()}
+    in_order = pd.concat(log).sort_values("time_s", kind="stable")
     return Result(
         settings=settings,
-        found=found,
+        overall=results,
         tables={"rows": rows},
         checks=checks(everything),
-        shown=shown(rows, pd.concat(log).sort_values("time_s", kind="stable"), everything),
-        notes=[found["verdict"], *found["advice"], *filter(None, [found["limited_by"]])],
-        pictures=[Picture("track", found["verdict"], ALT, partial(figure, flown, everything))],
+        views=table_views(rows, in_order, everything),
+        notes=[results["verdict"], *results["advice"], *filter(None, [results["limited_by"]])],
+        pictures=[Picture("track", results["verdict"], ALT, partial(figure, runs, everything))],
         arrays={"track.npz": arrays},
-        records=[partial(record, flown, everything)],
+        records=[partial(record, runs, everything)],
     )
 
 
-def parsed(flag: str, kind: Any, given: Sequence[Any]) -> list[Any]:
-    """Failures or events, of their text where they are not made yet.
+def parsed(flag: str, kind: Any, incidents: Sequence[Any]) -> list[Any]:
+    """Return failures or events, parsed if they are text.
 
     Raises:
-        WrongInput: A text is none.
+        WrongInput: A text cannot be parsed.
     """
     try:
-        return [kind.parse(each) if isinstance(each, str) else each for each in given]
+        return [kind.parse(one) if isinstance(one, str) else one for one in incidents]
     except ValueError as error:
         raise WrongInput(f"{flag} {str(error).removeprefix('text ')}") from None
 
 
-def happening(
+def scheduled(
     rig: Rig, fail: Sequence[Failure], event: Sequence[Event], scale: float, seed: int
 ) -> tuple[list[Failure], list[Event], list[Failure]]:
-    """Failures and events at so much of their times, in order; and all failures, also of events.
+    """Return failures and events with scaled times, and all failures, also those of events.
 
     Raises:
-        WrongInput: An actuator that the robot does not have, that fails twice, or that cannot have
-            an event.
+        WrongInput: An actuator does not exist, fails twice, or cannot have an event.
     """
-    # A name of digits is looked up before it is taken for a number.
+    # Digits are looked up as a name before they are read as a number.
     announced = [
-        replace(each, actuator=rig.number(str(each.actuator)), time_s=scale * each.time_s)
-        for each in fail
+        replace(one, actuator=rig.number(str(one.actuator)), time_s=scale * one.time_s)
+        for one in fail
     ]
     in_order = sorted(event, key=lambda one: one.time_s)
-    events = [replace(each, time_s=scale * each.time_s) for each in in_order]
+    events = [replace(one, time_s=scale * one.time_s) for one in in_order]
     every = [*announced, *events_of(rig, events, seed=seed)[1]]
     if len({failure.actuator for failure in every}) < len(every):
         raise WrongInput(f"--fail{' and --event' * bool(events)} must name each actuator once")
     return announced, events, sorted(every, key=lambda one: one.time_s)
 
 
-def settings_of(flown: Flown) -> dict[str, Any]:
-    """The robot, its loops and sensors, and what happened to it."""
-    rig, run = flown.rig, flown.run
-    as_they_are = "model_sha256 actuators bodies major feedforward encoder_noise warnings left_out"
+def settings_of(runs: TrackedRuns) -> dict[str, Any]:
+    """Return the settings of the robot, its loops and sensors, and its failures and events."""
+    rig, run = runs.rig, runs.run
+    unchanged = "model_sha256 actuators bodies major feedforward encoder_noise warnings left_out"
     return {
         "versions": versions(),
         "robot": rig.title,
-        **{key: getattr(rig, key) for key in as_they_are.split()},
+        **{key: getattr(rig, key) for key in unchanged.split()},
         "units": rig.row_units,
         "duration_s": run.time_s[-1] + rig.period_s,
         "control_period_s": rig.period_s,
-        "failures": [entry_of(rig, each) for each in run.failures],
-        "events": [entry_of(rig, each) for each in run.events],
+        "failures": [entry_of(rig, failure) for failure in run.failures],
+        "events": [entry_of(rig, event) for event in run.events],
         "dry_friction": dry_friction(rig.model),
         "path_size": rig.size,
         "sensor_noise": rig.noise,
@@ -261,29 +262,29 @@ def settings_of(flown: Flown) -> dict[str, Any]:
     }
 
 
-def rows_of(flown: Flown) -> pd.DataFrame:
-    """A row for each major row: RMS errors in its unit, and the margins of its loop.
+def rows_of(runs: TrackedRuns) -> pd.DataFrame:
+    """Return a row for each major row: RMS errors in its unit, and the margins of its loop.
 
-    Before and after the first failure or event; missing where nothing was flown or predicted.
+    The errors are before and after the first failure or event; NaN: not simulated or predicted.
     """
-    rig, run, cut = flown.rig, flown.run, reach.first_tick(flown.run)
+    rig, run, cut = runs.rig, runs.run, reach.first_tick(runs.run)
 
-    def of(flight: Run | None, ticks: slice) -> Any:
-        return np.nan if flight is None or not len(run.time_s[ticks]) else flight.rms(ticks)
+    def rms(one: Run | None, ticks: slice) -> Any:
+        return np.nan if one is None or not len(run.time_s[ticks]) else one.rms(ticks)
 
     before, after = slice(cut), slice(cut, None)
-    told, at_once = flown.comparable.rms_after, flown.predicted.rms_after
+    as_diagnosed, at_once = runs.comparable.rms_after, runs.predicted.rms_after
     if run.events or not run.failures:
-        told = at_once = np.nan
+        as_diagnosed = at_once = np.nan
     columns = {
-        "rms_before": of(run, before),
-        "predicted_rms_before": flown.predicted.rms_before,
-        "rms_after": of(run, after),
-        "predicted_rms_after_when_named": told,
+        "rms_before": rms(run, before),
+        "predicted_rms_before": runs.predicted.rms_before,
+        "rms_after": rms(run, after),
+        "predicted_rms_after_when_named": as_diagnosed,
         "predicted_rms_after": at_once,
-        "rms_after_without_diagnosis": of(flown.undiagnosed, after),
-        "controller_rms_before": of(flown.other, before),
-        "controller_rms_after": of(flown.other, after),
+        "rms_after_without_diagnosis": rms(runs.undiagnosed, after),
+        "controller_rms_before": rms(runs.other, before),
+        "controller_rms_after": rms(runs.other, after),
     }
     for key in ("crossover_hz", "gain_margin_db", "phase_margin_deg"):
         columns[key] = [getattr(margin, key) for margin in rig.margins]
@@ -291,66 +292,70 @@ def rows_of(flown: Flown) -> pd.DataFrame:
     return pd.DataFrame(names | columns).replace([np.inf, -np.inf], np.nan)
 
 
-def agreement(flown: Flown, rows: pd.DataFrame) -> dict[str, Any]:
-    """Errors by row, and those of all rows over the linear model's, where both are compared."""
-    rig, run, found = flown.rig, flown.run, dict[str, Any]()
+def compare_prediction(runs: TrackedRuns, rows: pd.DataFrame) -> dict[str, Any]:
+    """Return errors by row, and the ratio of simulated to predicted errors of all rows."""
+    rig, run, results = runs.rig, runs.run, dict[str, Any]()
     for key, column in rows.filter(regex="^(predicted_)?rms_").items():
         values = None if column.isna().any() else column.tolist()
-        found |= {str(key): values} | by_unit(str(key), values, rig.row_units)
-    size = rows.filter(like="rms_").apply(np.linalg.norm)  # of all rows together
-    other, beyond = reach.uncompared(rig, run, flown.predicted), None
-    after = np.nan if other else size.rms_after / size.predicted_rms_after_when_named
+        results |= {str(key): values} | by_unit(str(key), values, rig.row_units)
+    size = rows.filter(like="rms_").apply(np.linalg.norm)  # norm over all rows
+    reason, beyond = reach.uncompared(rig, run, runs.predicted), None
+    after = np.nan if reason else size.rms_after / size.predicted_rms_after_when_named
     ratio = pd.Series({"before": size.rms_before / size.predicted_rms_before, "after": after})
     off = (ratio - 1.0).abs()
     if (off >= reach.AGREES).any():
         beyond = reach.beyond_linear_range(rig, run, ratio[off >= reach.AGREES].max())
     for when in ratio.index:
-        found[f"measured_over_predicted_{when}"] = ratio[when]
-        found[f"prediction_off_{when}"] = off[when] if beyond is None else None
-    return found | {"uncompared": other, "met": [*flown.met, *filter(None, [beyond])]}
+        results[f"measured_over_predicted_{when}"] = ratio[when]
+        results[f"prediction_off_{when}"] = off[when] if beyond is None else None
+    return results | {"uncompared": reason, "met": [*runs.unmodeled, *filter(None, [beyond])]}
 
 
-def happened(flown: Flown, reports: Sequence[Any], found: Sequence[Any]) -> list[pd.DataFrame]:
-    """Failures and events, one that is both once; and diagnoses; each in the order of time."""
-    stated, left, named = stated_of(flown.rig, flown.run), dict[str, str](), list[Any]()
-    for failure, report in zip(flown.run.failures, reports, strict=True):
+def event_log(
+    runs: TrackedRuns, reports: Sequence[Any], entries: Sequence[Any]
+) -> list[pd.DataFrame]:
+    """Return tables of failures and other events, and of diagnoses, in the order of time."""
+    stated, meaning, diagnoses = stated_of(runs.rig, runs.run), dict[str, str](), list[Any]()
+    for failure, report in zip(runs.run.failures, reports, strict=True):
         can = "possible" if is_possible(report) else "not possible"
-        left[failure_text(flown.rig, failure)] = f"major task {can}: {deciding_sentence(report)}"
-    struck = [(each.time_s, stated.text(each), each.kind) for each in stated.incidents]
-    struck = [(at, what, left.get(what) or EVENTS[kind].sentence) for at, what, kind in struck]
-    for one in found:
-        delay_s, back_s = one["delay_s"], one["withdrawn_s"]
+        meaning[failure_text(runs.rig, failure)] = f"major task {can}: {deciding_sentence(report)}"
+    texts = [(one.time_s, stated.text(one), one.kind) for one in stated.incidents]
+    incidents = [(at, what, meaning.get(what) or EVENTS[kind].sentence) for at, what, kind in texts]
+    for entry in entries:
+        delay_s, back_s = entry["delay_s"], entry["withdrawn_s"]
         after = "by mistake" if delay_s is None else f"after {delay_s:.3f} s"
         back = "" if back_s is None else f", cleared at {back_s:.3f} s"
-        named.append((one["time_s"], f"{one['actuator']} diagnosed {one['kind']}", after + back))
-    return [pd.DataFrame(log, columns=["time_s", "what", "meaning"]) for log in (struck, named)]
+        what = f"{entry['actuator']} diagnosed {entry['kind']}"
+        diagnoses.append((entry["time_s"], what, after + back))
+    columns = ["time_s", "what", "meaning"]
+    return [pd.DataFrame(log, columns=columns) for log in (incidents, diagnoses)]
 
 
-def verdict(found: Mapping[str, Any], struck: pd.DataFrame, named: pd.DataFrame) -> str:
-    """One sentence: what happened, what it cost, what is left, and what was diagnosed."""
-    robot, units = found["robot"], found["units"]
+def summary(results: Mapping[str, Any], incidents: pd.DataFrame, diagnoses: pd.DataFrame) -> str:
+    """Return one sentence on incidents, errors, remaining capability and diagnoses."""
+    robot, units = results["robot"], results["units"]
     before, after, predicted = (
-        norms_text(found[key], units) if found[key] else "unknown"
+        norms_text(results[key], units) if results[key] else "unknown"
         for key in ("rms_before", "rms_after", "predicted_rms_before")
     )
-    if struck.empty:
+    if incidents.empty:
         return f"{robot}: without a failure the RMS error is {before}, predicted {predicted}."
-    what = ", ".join(f"{one.what} at {one.time_s:g} s" for one in struck.itertuples())
-    earlier = f", {before} before" if found["rms_before"] else ""
+    what = ", ".join(f"{one.what} at {one.time_s:g} s" for one in incidents.itertuples())
+    earlier = f", {before} before" if results["rms_before"] else ""
     first = f"{robot}: after {what} the RMS error is {after}{earlier}"
-    if (lost := found["lost"]) is not None:
+    if (lost := results["lost"]) is not None:
         return f"{first}; {lost[0].lower()}{lost[1:]}"
-    can = "cannot" if found["possible_after"][-1:] == [False] else "can"
-    said = ", ".join(f"{one.what} {one.meaning}" for one in named.itertuples())
-    left = f"the remaining actuators {can} do the major task"
-    return f"{first}; {left}; {said or 'nothing was diagnosed'}."
+    can = "cannot" if results["possible_after"][-1:] == [False] else "can"
+    diagnosed = ", ".join(f"{one.what} {one.meaning}" for one in diagnoses.itertuples())
+    remaining = f"the remaining actuators {can} do the major task"
+    return f"{first}; {remaining}; {diagnosed or 'no failure was diagnosed'}."
 
 
-def checks(found: Mapping[str, Any]) -> list[Check]:
-    """Loops stay closed, errors are as predicted, another controller does no wrong."""
-    robot, name, failure = (found[key] for key in ("robot", "controller", "controller_failure"))
-    gap_m = found["closure_residual_max_m"]
-    off = {f"{k} the first failure": found[f"prediction_off_{k}"] for k in ("before", "after")}
+def checks(results: Mapping[str, Any]) -> list[Check]:
+    """Return checks of loop closure, of predicted errors, and of another controller's failures."""
+    robot, name, failure = (results[key] for key in ("robot", "controller", "controller_failure"))
+    gap_m = results["closure_residual_max_m"]
+    off = {f"{k} the first failure": results[f"prediction_off_{k}"] for k in ("before", "after")}
     what = "relative error of the predicted RMS"
     checked = check("closure residual [m]", gap_m, CLOSURE_TOLERANCE, robot)
     checked += check(what, pd.Series(off).dropna(), reach.AGREES, robot)
@@ -360,7 +365,7 @@ def checks(found: Mapping[str, Any]) -> list[Check]:
     return checked
 
 
-ERRORS = {
+ERROR_COLUMNS = {
     "rms_before": "before",
     "predicted_rms_before": "linear",
     "rms_after": "after",
@@ -370,25 +375,29 @@ ERRORS = {
     "controller_rms_before": "controller_before",
     "controller_rms_after": "controller_after",
 }
+"""Columns of the printed table by those of the data frame."""
 
 
-def shown(rows: pd.DataFrame, log: pd.DataFrame, found: Mapping[str, Any]) -> list[Shown]:
-    """The errors by major row with their units; and what happened and was diagnosed."""
+def table_views(
+    rows: pd.DataFrame, log: pd.DataFrame, results: Mapping[str, Any]
+) -> list[TableView]:
+    """Return the printed tables: errors by major row with units, and incidents and diagnoses."""
     cells = {
         name: [quantity_text(value, unit) for value, unit in zip(rows[key], rows.unit, strict=True)]
-        for key, name in ERRORS.items()
-        if rows[key].notna().all() and (name != "at_once" or found["diagnosis"] == "on")
+        for key, name in ERROR_COLUMNS.items()
+        if rows[key].notna().all() and (name != "at_once" or results["diagnosis"] == "on")
     }
     legend = (
-        "RMS of desired minus true, before and after the first failure or event. linear: by the "
-        "linear model with the noise of the sensors, told of failures as diagnosed, or at_once."
+        "RMS of desired minus true, before and after the first failure or event. linear: linear "
+        "model with sensor noise, for a controller informed of failures when diagnosed, or at_once."
     )
-    legend += f" Not compared: {found['uncompared']}." if found["uncompared"] else ""
-    if outside := [*found["warnings"], *found["met"]]:
+    legend += f" Not compared: {results['uncompared']}." if results["uncompared"] else ""
+    if outside := [*results["warnings"], *results["met"]]:
         legend += f" Not in the linear model: {'; '.join(outside)}."
     errors = pd.DataFrame({"row": rows["name"]} | cells)
-    tables = [Shown(found["robot"], errors, " ".join(errors), legend)]
-    return tables + [Shown("What happened", log, "time_s:.3f what meaning")] * (len(log) > 0)
+    views = [TableView(results["robot"], errors, " ".join(errors), legend)]
+    title = "Failures, events and diagnoses"
+    return views + [TableView(title, log, "time_s:.3f what meaning")] * (len(log) > 0)
 
 
 ALT = "Desired and true path, error over time, displacement of each actuator, failed ones red."
@@ -399,75 +408,75 @@ MARKS = {
 }
 
 
-def figure(flown: Flown, found: Mapping[str, Any]) -> Figure:
-    """Path, errors of each unit, actuators."""
-    run, units = flown.run, list(dict.fromkeys(found["units"]))
-    heights = [1.5] * len(units) + [0.4 + 0.2 * len(flown.rig.actuators)]
-    drawn = new_figure(PAGE_IN, max(3.4, 0.9 + sum(heights)))
-    drawn.suptitle(fill(found["verdict"], 110))
-    grid = drawn.add_gridspec(len(heights), 2, width_ratios=[0.8, 1], height_ratios=heights)
-    path_panel(drawn.add_subplot(grid[:, 0]), flown, found)
-    over_time = [drawn.add_subplot(grid[k, 1]) for k in range(len(heights))]
-    for axes, unit in zip(over_time, units, strict=False):
-        error_panel(axes, flown, np.array(found["units"]) == unit, unit)
-    broken = {one["actuator"] for one in (*found["failures"], *found["events"])}
-    actuator_panel(over_time[-1], flown, broken)
-    for axes in over_time:
+def figure(runs: TrackedRuns, results: Mapping[str, Any]) -> Figure:
+    """Plot the path, the errors of each unit, and the actuators' displacements."""
+    run, units = runs.run, list(dict.fromkeys(results["units"]))
+    heights = [1.5] * len(units) + [0.4 + 0.2 * len(runs.rig.actuators)]
+    plot = new_figure(PAGE_IN, max(3.4, 0.9 + sum(heights)))
+    plot.suptitle(fill(results["verdict"], 110))
+    grid = plot.add_gridspec(len(heights), 2, width_ratios=[0.8, 1], height_ratios=heights)
+    path_panel(plot.add_subplot(grid[:, 0]), runs, results)
+    panels = [plot.add_subplot(grid[k, 1]) for k in range(len(heights))]
+    for axes, unit in zip(panels, units, strict=False):
+        error_panel(axes, runs, np.array(results["units"]) == unit, unit)
+    affected = {one["actuator"] for one in (*results["failures"], *results["events"])}
+    actuator_panel(panels[-1], runs, affected)
+    for axes in panels:
         for key, (label, color, style) in MARKS.items():
-            for one in found[key]:
+            for one in results[key]:
                 axes.axvline(one["time_s"], color=color, ls=style, lw=0.8, label=label)
         axes.set(xlim=(run.time_s[0], run.time_s[-1]))
-    over_time[-1].set_xlabel("time, s")
-    one_legend(drawn, 4)
-    return drawn
+    panels[-1].set_xlabel("time, s")
+    one_legend(plot, 4)
+    return plot
 
 
-def path_panel(axes: Axes, flown: Flown, found: Mapping[str, Any]) -> None:
-    """The first two major rows, or the only one over time."""
-    run, names = flown.run, [ROWS[row] for row in flown.rig.major]
+def path_panel(axes: Axes, runs: TrackedRuns, results: Mapping[str, Any]) -> None:
+    """Plot the first two major rows in a plane, or a single row over time."""
+    run, names = runs.run, [ROWS[row] for row in runs.rig.major]
     factor, prefix = prefixed(float(np.abs(run.desired).max()))
-    labels = [f"{n}, {prefix}{u}" for n, u in zip(names, found["units"], strict=True)]
+    labels = [f"{n}, {prefix}{u}" for n, u in zip(names, results["units"], strict=True)]
     is_plane = len(names) > 1
 
-    def drawn(signal: Array) -> tuple[Array, Array]:
+    def plane_curve(signal: Array) -> tuple[Array, Array]:
         first = factor * signal[:, 0]
         return (first, factor * signal[:, 1]) if is_plane else (run.time_s, first)
 
-    x, y = drawn(run.true)
+    x, y = plane_curve(run.true)
     axes.plot(x, y, color=BLUE, label="true")
-    if flown.other is not None:
-        label = controller_label(found["controller"])
-        axes.plot(*drawn(flown.other.true), color=PURPLE, lw=0.6, label=label)
-    axes.plot(*drawn(run.desired), color=BLACK, ls="--", lw=0.6, label="desired")
+    if runs.other is not None:
+        label = controller_label(results["controller"])
+        axes.plot(*plane_curve(runs.other.true), color=PURPLE, lw=0.6, label=label)
+    axes.plot(*plane_curve(run.desired), color=BLACK, ls="--", lw=0.6, label="desired")
     for key, (_, color, _) in MARKS.items():
-        ticks = np.searchsorted(run.time_s[:-1], [one["time_s"] for one in found[key]])
+        ticks = np.searchsorted(run.time_s[:-1], [one["time_s"] for one in results[key]])
         axes.plot(x[ticks], y[ticks], "o", color=color)
     axes.set(title="Path", xlabel=labels[0] if is_plane else "time, s")
     axes.set_ylabel(labels[int(is_plane)])
-    if is_plane and found["units"][0] == found["units"][1]:
+    if is_plane and results["units"][0] == results["units"][1]:
         axes.set_aspect("equal", adjustable="datalim")
 
 
-def error_panel(axes: Axes, flown: Flown, rows: Array, unit: str) -> None:
-    """Size of desired minus true, of the major rows of one unit together."""
-    flights = [(flown.run, BLUE)]
-    if flown.other is not None:
-        flights.insert(0, (flown.other, PURPLE))
-    sizes = [np.linalg.norm(run.error[:, rows], axis=1) for run, _ in flights]
+def error_panel(axes: Axes, runs: TrackedRuns, rows: Array, unit: str) -> None:
+    """Plot the norm of desired minus true over the major rows of one unit."""
+    colored = [(runs.run, BLUE)]
+    if runs.other is not None:
+        colored.insert(0, (runs.other, PURPLE))
+    sizes = [np.linalg.norm(run.error[:, rows], axis=1) for run, _ in colored]
     factor, prefix = prefixed(float(np.max(sizes)))
-    for size, (run, color) in zip(sizes, flights, strict=True):
+    for size, (run, color) in zip(sizes, colored, strict=True):
         axes.plot(run.time_s, factor * size, color=color, lw=0.8)
-    names = ", ".join(ROWS[row] for row in np.array(flown.rig.major)[rows])
+    names = ", ".join(ROWS[row] for row in np.array(runs.rig.major)[rows])
     axes.set(title=f"Error of {names}", ylabel=f"error, {prefix}{unit}")
     axes.tick_params(labelbottom=False)
 
 
-def actuator_panel(axes: Axes, flown: Flown, broken: set[str | None]) -> None:
-    """A row for each, from its place at the start; all of one unit on the same scale."""
-    run, names, units = flown.run, flown.rig.actuators, np.array(flown.rig.units)
+def actuator_panel(axes: Axes, runs: TrackedRuns, affected: set[str | None]) -> None:
+    """Plot each actuator's displacement in its own row, those of one unit on the same scale."""
+    run, names, units = runs.run, runs.rig.actuators, np.array(runs.rig.units)
     spans = {u: 2 * np.abs(run.displacement[:, units == u]).max() for u in dict.fromkeys(units)}
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
-        color, width = (VERMILION, 1.4) if name in broken else ("0.4", 0.8)
+        color, width = (VERMILION, 1.4) if name in affected else ("0.4", 0.8)
         row = k - run.displacement[:, k] / (spans[unit] or 1.0)
         axes.plot(run.time_s, row, color=color, lw=width)
     high = " or ".join(quantity_text(span, unit) for unit, span in spans.items())
@@ -476,19 +485,19 @@ def actuator_panel(axes: Axes, flown: Flown, broken: set[str | None]) -> None:
     axes.invert_yaxis()
 
 
-def record(flown: Flown, found: Mapping[str, Any], folder: Path) -> None:
-    """Write `track.rrd`: the run, and beside it that of another controller."""
-    rig, sizes = flown.rig, ("seed", "control_period_s", "path_size", "sensor_noise")
+def record(runs: TrackedRuns, results: Mapping[str, Any], folder: Path) -> None:
+    """Write `track.rrd`: the run, and next to it that of another controller."""
+    rig, keys = runs.rig, ("seed", "control_period_s", "path_size", "sensor_noise")
     about = About(
         study="track",
-        identity=f"track-{rig.title}-seed{found['seed']}",
-        said=[f"- {found['verdict']}"],
-        parameters={key: found[key] for key in sizes} | version_properties(dict(found)),
-        predicted=(found["predicted_rms_before"], found["predicted_rms_after_when_named"]),
-        checks=checks(found),
-        verdict=found["verdict"],
+        identity=f"track-{rig.title}-seed{results['seed']}",
+        notes=[f"- {results['verdict']}"],
+        parameters={key: results[key] for key in keys} | version_properties(dict(results)),
+        predicted=(results["predicted_rms_before"], results["predicted_rms_after_when_named"]),
+        checks=checks(results),
+        summary=results["verdict"],
     )
-    runs = {rig.title: view_of(rig, flown.run)}
-    if flown.other is not None:
-        runs[controller_label(found["controller"])] = view_of(rig, flown.other)
-    write_views(folder / "track.rrd", about, runs)
+    views = {rig.title: view_of(rig, runs.run)}
+    if runs.other is not None:
+        views[controller_label(results["controller"])] = view_of(rig, runs.other)
+    write_views(folder / "track.rrd", about, views)

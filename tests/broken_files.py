@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.lib.format import write_array_header_1_0 as write_header
 
-from fjh.study.spelling import LARGEST_FILE
+from fjh.study.input_checks import LARGEST_FILE
 
 Spoil = Callable[[Path], object]
 EXECUTED = "executed"

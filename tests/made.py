@@ -18,7 +18,7 @@ from fjh.study.option import OnProgress, Option, Study, seed_of
 from fjh.study.result import Result
 from sim import NOMINAL, Failure
 
-ABOUT = About("made", "made-seed0", said=["Made."], parameters={"seed": 0})
+ABOUT = About("made", "made-seed0", notes=["Made."], parameters={"seed": 0})
 
 
 @cache

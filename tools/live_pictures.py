@@ -8,7 +8,7 @@ from playwright.sync_api import ViewportSize
 
 from fjh.rig import Rig
 from sim import MODELS
-from tests.fjh.live.browser import Seen, browsed, free_port, served
+from tests.fjh.live.browser import BrowserPage, browsed, free_port, served
 
 SIZE: ViewportSize = {"width": 1400, "height": 900}
 SINCE_S = 4.0
@@ -24,13 +24,13 @@ def main(folder: Path) -> None:
     with browsed() as browser, tempfile.TemporaryDirectory() as out:
         for name, (arguments, actuator, fault) in PICTURES.items():
             with served(Path(out), *arguments, "--port", str(free_port())) as (_, url):
-                page = Seen(browser.new_page(viewport=SIZE), url)
+                page = BrowserPage(browser.new_page(viewport=SIZE), url)
                 # Close the notice that the browser draws without a graphics card.
                 notice = page.page.get_by_role("alert").filter(has_text="Software WebGL")
                 notice.get_by_role("button").click()
-                start_s = page.until(lambda state: "assumed healthy" in state.supervised).clock_s
+                start = page.until(lambda text: "assumed healthy" in text.supervised).clock_s
                 page.make(actuator, fault)
-                page.until(lambda state, end=start_s + SINCE_S: state.clock_s > end)
+                page.until(lambda text, end=start + SINCE_S: text.clock_s > end)
                 page.page.screenshot(path=folder / f"{name}.png")
                 page.page.close()
 

@@ -70,7 +70,9 @@ def film(name: str, folder: Path) -> Session:
         for tick in range(FRAME, ENDS + 1, FRAME):
             session.advance(tick - session.tick)
             stage.show()
-            caption.text = f"{tick / 1000:.2f} s: {happens if tick > BREAKS else 'all is sound'}"
+            caption.text = (
+                f"{tick / 1000:.2f} s: {happens if tick > BREAKS else 'all actuators are healthy'}"
+            )
             recorded.insert_sleep(FRAME / 1000)
             if tick == BREAKS:
                 fail(session)

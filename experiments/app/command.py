@@ -34,7 +34,7 @@ def command(study: Study) -> Callable[..., None]:
     def run(*, out: Path, quiet: bool, **given: Any) -> None:
         result, summary = conduct(study, out, shown=not quiet, **given)
         if not quiet:
-            for table in result.shown:
+            for table in result.views:
                 print_table(table)
             print_notes(result.notes)
             print_ending(result.checked, *_looked_at(name, result, summary, out, given))

@@ -8,9 +8,9 @@ from typing import Annotated
 from experiments.app.terminal import print_ending, progress
 from fjh.study.errors import Unsound, WrongInput
 from fjh.study.files import published, usable_file
+from fjh.study.input_checks import check_file
 from fjh.study.interrupts import printable
 from fjh.study.option import Option
-from fjh.study.spelling import check_file
 
 _SIZE = re.compile(r"([1-9]\d{1,3})x([1-9]\d{1,3})")
 

@@ -16,8 +16,8 @@ from experiments.studies import LINES, PAPER, command_of, study
 from fjh.study.errors import Interrupted, Unsound
 from fjh.study.files import published, usable_folder, write_index
 from fjh.study.interrupts import INTERRUPTION
-from fjh.study.option import Option, Study, seed_of, words_of
-from fjh.study.page import data_uri, named_versions, rendered
+from fjh.study.option import Option, Study, command_arguments, seed_of
+from fjh.study.page import data_uri, rendered, version_text
 
 INDEX = "report.json"
 
@@ -127,7 +127,7 @@ def _run(
 
 def _command(function: Study, given: Mapping[str, Any], folder: Path) -> str:
     """The command line that gives the same numbers."""
-    words = [*command_of(function.__name__), *words_of(function, given)]
+    words = [*command_of(function.__name__), *command_arguments(function, given)]
     return shlex.join([*words, "--out", str(folder)])
 
 
@@ -167,7 +167,7 @@ def page(summary: Mapping[str, Any], folder: Path) -> str:
         "processor": f"{machine['processor']}; {machine['cores']} cores",
         "memory": f"{machine['memory_gib']} GiB",
         "system": machine["system"],
-        "versions": named_versions(summary["versions"]),
+        "versions": version_text(summary["versions"]),
         "commit": summary["commit"],
         "code": f"SHA-256 {summary['code_sha256']}",
         "seed": summary["seed"],

@@ -10,7 +10,7 @@ from fjh.study.interrupts import raise_on_interrupt
 from fjh.study.option import OnProgress
 
 if TYPE_CHECKING:
-    from fjh.study.result import Shown
+    from fjh.study.result import TableView
 
 
 @contextmanager
@@ -44,7 +44,7 @@ def progress(description: str, *, shown: bool = True) -> Iterator[OnProgress]:
         yield update
 
 
-def print_table(table: "Shown") -> None:
+def print_table(table: "TableView") -> None:
     """A table on standard output, its legend below; a wide one goes on below itself."""
     import pandas as pd  # late, as above
     from rich.console import Console

@@ -43,9 +43,9 @@ from fjh.rig.run import Run
 from fjh.rig.units import by_unit
 from fjh.rig.within import check_within
 from fjh.study.errors import WrongInput
+from fjh.study.input_checks import check_file
 from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.result import Check, Result, origin
-from fjh.study.spelling import check_file
 from fjh.study.workers import call, in_parallel
 from ftc.fdi import DEFAULT_CONFIG
 from sim import CLOSURE_TOLERANCE, Failure
@@ -284,10 +284,10 @@ def record(
         study="recover",
         identity=f"recover-{name}-seed{settings['seed']}",
         title=name,
-        said=["Nothing announces the failures, and the plant differs from the model."],
+        notes=["Nothing announces the failures, and the plant differs from the model."],
         parameters=recording_properties(dict(settings)) | own,
         checks=checks,
-        verdict=row.get("controller_failure") or "",
+        summary=row.get("controller_failure") or "",
     )
     write_run(folder / f"{name}.rrd", exact_rig(), run, about, arrays=hexapod_arrays(run))
 

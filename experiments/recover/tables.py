@@ -11,7 +11,7 @@ from scipy.stats import binomtest, chi2
 from argument_checks.ties import greatest
 from experiments.recover.predictions import ISOLABLE
 from fjh.rig.rig import Rig
-from fjh.study.result import Check, Shown, check
+from fjh.study.result import Check, TableView, check
 from ftc.fdi import LEARNING_S
 
 WORST = 1.1
@@ -257,7 +257,7 @@ def goals(tables: Tables) -> list[Check]:
 # What is printed.
 
 
-def printed(tables: Tables) -> list[Shown]:
+def printed(tables: Tables) -> list[TableView]:
     """The rows by event; or those by kind, and of the hexapod by mismatch at its usual size."""
     if "by_event" in tables:
         columns = "event runs over_unaware_since_median:.2f counted_worst:.2f right_count"
@@ -265,18 +265,18 @@ def printed(tables: Tables) -> list[Shown]:
             "RMS error over that of a controller that does nothing; counted: where both differ by "
             "more than the sensors' noise. right: the actuator or the cause was named."
         )
-        return [Shown("By event", tables["by_event"], columns, legend)]
+        return [TableView("By event", tables["by_event"], columns, legend)]
     legend = (
         "right: the first actuator that was named had failed. over_informed: RMS error after "
         "recovery over that of a controller informed at once."
     )
     columns = "runs right_count named_median_s:.3f over_informed_after_worst:.3f"
     title = "By kind of failure, all mismatches"
-    kinds = Shown(title, tables["by_kind"], f"sense kind {columns}", legend)
+    kinds = TableView(title, tables["by_kind"], f"sense kind {columns}", legend)
     if "beliefs" not in tables:
         return [kinds]
     failures = tables["by_mismatch"].query("factor == 1.0 and over_informed_after_runs > 0")
-    return [Shown("By mismatch of plant and model", failures, f"mismatch {columns}"), kinds]
+    return [TableView("By mismatch of plant and model", failures, f"mismatch {columns}"), kinds]
 
 
 def notes(rows: pd.DataFrame, tables: Tables) -> list[str]:

@@ -1,5 +1,5 @@
-"""A machine in the browser under its own closed loop, and buttons that break it (docs/track.md).
+"""Live simulation of a machine in the browser, with buttons for failures (docs/track.md).
 
-`page` has the server and the clock, `stage` draws the machines, `panel` has the buttons, `kept` the
-recording of late. What is clicked is done by a session of the rig.
+`page` has the server and the clock, `stage` the machines in 3D, `panel` the buttons, and `save`
+the recording of the last minute. Clicks are carried out by a session of the rig.
 """

@@ -1,10 +1,9 @@
-"""Who may connect to the page, and which of a browser's messages count.
+"""Access control of the page: accepted connections, and accepted messages of a browser.
 
-A browser lets any page open a WebSocket to this machine, and names that page in `Origin`; it names
-in `Host` the address that it was told, also where that is a stranger's name for 127.0.0.1 (DNS
-rebinding). Both have to be those of the page that is served here. viser 1.1 has no hook for either
-and trusts every message, so the server of `websockets` that it starts is given its connections:
-one class that answers the handshake and reads the messages, before viser does.
+A browser lets any page open a WebSocket to this machine. It states that page in `Origin`, and in
+`Host` the requested address, which can be a foreign name for 127.0.0.1 (DNS rebinding). Both must
+be those of the page that is served here. viser 1.1 has no hook for either and trusts every message.
+Therefore its `websockets` server gets a connection class that checks handshake and messages first.
 """
 
 import logging
@@ -20,26 +19,26 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 NOW = "● "
-"""Stands before what an actuator is at present, on its button."""
+"""Prefix of the button of an actuator's present state."""
 _LARGEST_MESSAGE = 1 << 16
 _FARTHEST = 1e9
-"""Coordinate of a camera."""
+"""Largest coordinate of a camera."""
 
 _LOGGER = logging.getLogger(__name__)
-"""Of what goes wrong with a connection, which is the browser's affair: the terminal stays clean."""
+"""Logger without output for errors of connections, which are not relevant in the terminal."""
 _LOGGER.addHandler(logging.NullHandler())
 _LOGGER.propagate = False
 
 
 class _Value(msgspec.Struct, tag="GuiUpdateMessage", forbid_unknown_fields=True):
-    """An element of the page has another value, or was clicked."""
+    """Message that an element of the page has another value, or was clicked."""
 
     uuid: str
     updates: dict[Literal["value"], bool | int | float | str]
 
 
 class _Camera(msgspec.Struct, tag="ViewerCameraMessage", forbid_unknown_fields=True):
-    """Where this browser looks from."""
+    """Message with the camera of a browser."""
 
     wxyz: tuple[float, float, float, float]
     position: tuple[float, float, float]
@@ -53,26 +52,27 @@ class _Camera(msgspec.Struct, tag="ViewerCameraMessage", forbid_unknown_fields=T
 
 
 def guarded(server: viser.ViserServer, started: list[bool]) -> Callable[..., Any]:
-    """What begins to listen for a server of viser; `started` grows when it is called."""
+    """Return a function that serves a viser server with checks; each call appends to `started`."""
 
     def start(*arguments: Any, process_request: Any, **others: Any) -> serve:
         started.append(True)
 
         def answer(connection: ServerConnection, request: Request) -> Response | None:
             port = connection.local_address[1]
-            if not is_own(request.headers, port):
-                return connection.respond(403, f"Only the page at http://127.0.0.1:{port} may.\n")
+            if not is_same_origin(request.headers, port):
+                only = f"Only the page at http://127.0.0.1:{port} can connect.\n"
+                return connection.respond(403, only)
             return process_request(connection, request)
 
-        own = {"logger": _LOGGER, "max_size": _LARGEST_MESSAGE}
-        own |= {"create_connection": partial(_Connection, server), "process_request": answer}
-        return serve(*arguments, **others | own)
+        checks = {"logger": _LOGGER, "max_size": _LARGEST_MESSAGE}
+        checks |= {"create_connection": partial(_Connection, server), "process_request": answer}
+        return serve(*arguments, **others | checks)
 
     return start
 
 
-def is_own(headers: Headers, port: int) -> bool:
-    """Whether a request is to the page that is served at a port, and a WebSocket from that page."""
+def is_same_origin(headers: Headers, port: int) -> bool:
+    """Return whether a request is for the page at a port, and a WebSocket request from it."""
     end = "" if port == 80 else f":{port}"
     hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
     if hosts not in ([f"127.0.0.1{end}"], [f"localhost{end}"]):
@@ -81,43 +81,42 @@ def is_own(headers: Headers, port: int) -> bool:
 
 
 class _Connection(ServerConnection):
-    """One from a browser, of which viser sees the messages that count."""
+    """Connection of a browser that passes only valid messages to viser."""
 
     def __init__(self, server: viser.ViserServer, *arguments: Any, **others: Any) -> None:
         super().__init__(*arguments, **others)
         self._server = server
 
     async def recv(self, decode: bool | None = None) -> Any:
-        """The next message that counts."""
+        """Return the next valid message."""
         while True:
             raw = await super().recv(decode)
             try:
-                if (taken := sane(self._server, raw)) is not None:
-                    return taken
-            except msgspec.MsgspecError:  # not of the page, which sends nothing else
+                if (message := sane(self._server, raw)) is not None:
+                    return message
+            except msgspec.MsgspecError:  # the page sends no such message
                 continue
 
 
 def sane(server: viser.ViserServer, raw: Any) -> bytes | None:
-    """A message of a browser as viser may have it; None: it does not count.
+    """Return a message of a browser, checked for viser; None: it is not valid.
 
-    Of an element that the page has, a value of its kind: a number within the range of its slider,
-    to which larger ones are clamped, a word that can be chosen, or yes or no. Of a camera finite
-    places from which something is seen.
+    A value must be of the kind of an existing element: a number, clamped to the range of its
+    slider; a label of a choice; or a Boolean. A camera must have finite coordinates and a view.
 
     Raises:
-        msgspec.MsgspecError: It is of another kind, or broken.
+        msgspec.MsgspecError: The message is of another kind, or malformed.
     """
     if not isinstance(raw, bytes):
         return None
     message = msgspec.msgpack.decode(raw, type=_Value | _Camera)
     if isinstance(message, _Camera):
-        places = (message.wxyz, message.position, message.look_at, message.up_direction)
-        numbers = (*(x for place in places for x in place), message.fov, message.near, message.far)
-        seen = all(map(any, (message.wxyz, message.up_direction)))
-        seen = seen and message.position != message.look_at
-        seen = seen and min(message.image_height, message.image_width) > 0
-        return raw if seen and all(abs(x) < _FARTHEST for x in numbers) else None
+        vectors = (message.wxyz, message.position, message.look_at, message.up_direction)
+        numbers = (*(x for v in vectors for x in v), message.fov, message.near, message.far)
+        has_view = all(map(any, (message.wxyz, message.up_direction)))
+        has_view = has_view and message.position != message.look_at
+        has_view = has_view and min(message.image_height, message.image_width) > 0
+        return raw if has_view and all(abs(x) < _FARTHEST for x in numbers) else None
     handle = server.gui._gui_input_handle_from_uuid.get(message.uuid)
     value = message.updates.get("value")
     if isinstance(handle, viser.GuiSliderHandle):
@@ -125,9 +124,9 @@ def sane(server: viser.ViserServer, raw: Any) -> bytes | None:
             return None
         value = min(max(value, handle.min), handle.max)
     elif isinstance(handle, viser.GuiButtonGroupHandle | viser.GuiDropdownHandle):
-        words = [str(each).removeprefix(NOW) for each in handle.options]
+        labels = [str(option).removeprefix(NOW) for option in handle.options]
         value = value.removeprefix(NOW) if isinstance(value, str) else None
-        if value not in words:
+        if value not in labels:
             return None
     elif handle is None or not isinstance(value, bool):
         return None

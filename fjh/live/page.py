@@ -1,4 +1,4 @@
-"""The page: a server on the loopback interface, and the clock of the machines."""
+"""Page of the live simulation: server on the loopback interface, and clock of the machines."""
 
 import io
 import time
@@ -14,8 +14,8 @@ import viser
 import websockets.asyncio.server
 
 from fjh.live.gate import guarded
-from fjh.live.kept import keep
 from fjh.live.panel import Panel
+from fjh.live.save import save_recording
 from fjh.live.session import LONGEST_S, Session
 from fjh.live.stage import FRAME_S, Stage
 from fjh.rig import Rig
@@ -24,56 +24,57 @@ from sim import ModelError, SimulationDiverged
 
 HOST = "127.0.0.1"
 PORT = 8080
-_SAID_EVERY = 5
-"""Frames between words, which nobody reads faster."""
+_TEXT_EVERY = 5
+"""Frames between updates of the text, which cannot be read faster."""
 _BEHIND_S = 0.1
-"""Time that a slow machine may be short of; what is more is not made up for."""
+"""Largest delay behind real time [s] that is caught up; longer ones are skipped."""
 _AT_ONCE = 5
-"""Ticks."""
+"""Ticks simulated between checks for clicks."""
 
 
 class LocalServer(viser.ViserServer):
-    """Of this machine and its own page alone, without a word and a tunnel to the internet."""
+    """Server for browsers on this machine and its own page only, without output or tunnel."""
 
     def __init__(self, port: int | None) -> None:
-        """Listen on the loopback interface; None is `PORT`, or the next that is free.
+        """Listen on the loopback interface; None: at `PORT`, or the next free port.
 
         Raises:
-            WrongInput: The port is taken.
+            WrongInput: The port is in use.
         """
         started, serve = list[bool](), websockets.asyncio.server.serve
         websockets.asyncio.server.serve = guarded(self, started)  # type: ignore[assignment]
         try:
-            with redirect_stdout(io.StringIO()):  # it would print a table of its addresses
+            with redirect_stdout(io.StringIO()):  # viser would print a table of addresses
                 super().__init__(HOST, PORT if port is None else port, verbose=False)
         finally:
             websockets.asyncio.server.serve = serve
-        if not started:  # another viser: nothing would be checked
+        if not started:  # another version of viser, which would run without the checks
             self.stop()
-            raise WrongInput(f"viser {viser.__version__} is not known: pip install viser==1.1.1")
+            version = viser.__version__
+            raise WrongInput(f"viser {version} is not supported: pip install viser==1.1.1")
         if port not in (None, self.get_port()):
             self.stop()
             raise WrongInput(f"--port {port}: another program listens there; leave --port out")
 
     def stop(self) -> None:
-        """End it."""
+        """Stop the server without output."""
         with redirect_stdout(io.StringIO()):
             super().stop()
 
     def request_share_url(self, verbose: bool = True) -> str | None:
-        """None: there is none."""
+        """Return None: no tunnel to the internet is opened."""
         return None
 
 
 class Page:
-    """Two machines, drawn, with their buttons, in real time.
+    """Page of two machines in real time, with their buttons.
 
     Attributes:
-        session: The machines.
+        session: Session of the machines.
     """
 
     def __init__(self, server: viser.ViserServer, rig: Rig, folder: Path, seed: int) -> None:
-        """Draw them; the last minute is saved in the folder."""
+        """Make the elements of the page; recordings of the last minute go to the folder."""
         self.session, self._folder = Session(rig, seed), folder
         self._clicks = SimpleQueue[Callable[[], object]]()
         self._stage = Stage(server, self.session)
@@ -83,20 +84,20 @@ class Page:
         server.gui.set_panel_label(f"fjh live: {rig.title}")
         self._panel = Panel(server, self.session, self._stage, self._do, self._save)
         self._paces = deque([(time.perf_counter(), 0.0)], maxlen=round(1 / FRAME_S))
-        self._flown_s, self._frame, self._server = 0.0, 0, server
+        self._simulated_s, self._frame, self._server = 0.0, 0, server
 
     def run(self) -> None:
-        """Until it is interrupted."""
-        last, owed_s = time.perf_counter(), 0.0
+        """Simulate and draw until interrupted."""
+        last, behind_s = time.perf_counter(), 0.0
         while True:
             now = time.perf_counter()
-            owed_s, last = min(owed_s + now - last, _BEHIND_S), now
-            owed_s -= self.advance(owed_s, now + FRAME_S)
+            behind_s, last = min(behind_s + now - last, _BEHIND_S), now
+            behind_s -= self.advance(behind_s, now + FRAME_S)
             self.show()
             time.sleep(max(0.0, now + FRAME_S - time.perf_counter()))
 
     def advance(self, seconds: float, until: float) -> float:
-        """Of simulated time, unless the clock is past `until`; how many were done."""
+        """Simulate `seconds` or until the clock passes `until`; return the simulated time [s]."""
         session, period_s = self.session, self.session.rig.period_s
         ticks, done = int(seconds / period_s), 0
         while done < ticks and time.perf_counter() < until:
@@ -105,38 +106,38 @@ class Page:
                 more = session.advance(min(_AT_ONCE, ticks - done))
             except SimulationDiverged as diverged:
                 more = self._replace(f"{diverged}")
-            done += more or self._replace(f"{LONGEST_S / 60:g} minutes are over")
+            done += more or self._replace(f"The limit of {LONGEST_S / 60:g} minutes is reached")
         self._click()
         self._panel.add_errors(min(done, session.tick))
-        self._flown_s += done * period_s
+        self._simulated_s += done * period_s
         return done * period_s
 
     def _replace(self, why: str) -> int:
         self.session.restart()
-        self._panel.calm(f"{why}: these are new machines, sound and at rest.")
+        self._panel.reset(f"{why}: these are new machines, healthy and at rest.")
         return self.session.tick
 
-    def _do(self, what: Callable[..., object], *arguments: Any) -> None:
-        self._clicks.put(partial(what, *arguments))
+    def _do(self, action: Callable[..., object], *arguments: Any) -> None:
+        self._clicks.put(partial(action, *arguments))
 
     def _click(self) -> None:
-        """Do what was clicked since."""
+        """Carry out the clicks since the last call."""
         while not self._clicks.empty():
             try:
                 self._clicks.get()()
-            except (ModelError, WrongInput, OSError) as refused:
-                self._panel.said = str(refused)
+            except (ModelError, WrongInput, OSError) as error:
+                self._panel.message = str(error)
 
     def show(self) -> None:
-        """One frame."""
-        begin, flown_s = self._paces[0]
+        """Draw one frame."""
+        start, simulated_s = self._paces[0]
         now = time.perf_counter()
-        self._paces.append((now, self._flown_s))
+        self._paces.append((now, self._simulated_s))
         with self._server.atomic():
             self._stage.show()
-            if self._frame % _SAID_EVERY == 0:
-                self._panel.show((self._flown_s - flown_s) / max(now - begin, 1e-6))
+            if self._frame % _TEXT_EVERY == 0:
+                self._panel.show((self._simulated_s - simulated_s) / max(now - start, 1e-6))
         self._frame += 1
 
     def _save(self) -> None:
-        self._panel.said = keep(self._folder, self.session)
+        self._panel.message = save_recording(self._folder, self.session)

@@ -1,4 +1,4 @@
-"""Two machines at once, one supervised and one not, and all that a person can do to them."""
+"""Session of two machines, one supervised and one not, with the actions of a user."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -7,133 +7,134 @@ from typing import Any
 
 import numpy as np
 
-from fjh.live.course import COURSES, course
-from fjh.live.flight import Flight, Kind
+from fjh.live.live_run import Kind, LiveRun
+from fjh.live.reference_path import PATHS, reference_path
 from fjh.rig import Rig, Run
 from fjh.rig.run import HEALTHY
 from ftc import Supervisor, SupervisorState
 
 LONGEST_S = 300.0
-"""Of a flight: its machine then is replaced. That of two hexapods logs 0.4 GB."""
-KEPT_S = 60.0
+"""Longest run [s]; then the machines are replaced. The log of two hexapods has 0.4 GB."""
+SAVED_S = 60.0
+"""Duration of a saved recording [s]."""
 
 
 class Session:
-    """A supervised machine and one whose controller does nothing about failures.
+    """A supervised machine, and one whose controller ignores failures.
 
     Attributes:
         rig: The robot.
-        flights: Of both, supervised first.
-        course: What both follow.
-        goal: Of both.
-        states: Of the actuators.
-        going_on: Events that are not over by themselves.
-        diagnoses: Whether the first is supervised at present.
+        runs: Runs of both machines, supervised first.
+        reference: Reference path of both.
+        goal: Goal of both.
+        states: States of the actuators.
+        going_on: Active events that do not end by themselves.
+        diagnoses: Whether the first machine is supervised at present.
     """
 
     def __init__(self, rig: Rig, seed: int = 0) -> None:
-        """Begin with sound machines on the first of `COURSES`; all noise is of the seed."""
+        """Start with healthy machines on the first of `PATHS`; the seed determines all noise."""
         self.rig, self._seed, self.goal = rig, seed, rig.goal
         self._supervisor, self.diagnoses = rig.supervisor(), True
         self._learned: Supervisor | None = None
-        self.restart(COURSES[0])
+        self.restart(PATHS[0])
 
     def restart(self, path: str | None = None) -> None:
-        """Sound machines after one tick at rest; goal, diagnosis and, if None, path stay."""
+        """Replace the machines by healthy ones after one tick; path None: the present one."""
         rig, ticks = self.rig, round(LONGEST_S / self.rig.period_s)
-        pilot = self._supervisor if self.diagnoses else self._unaware
-        self.flights = [Flight(rig, each, ticks, self._seed) for each in (pilot, self._unaware)]
+        first = self._supervisor if self.diagnoses else self._fault_unaware
+        self.runs = [LiveRun(rig, one, ticks, self._seed) for one in (first, self._fault_unaware)]
         self.states: list[Kind] = [HEALTHY] * len(rig.actuators)
         self.going_on = set[str]()
-        self.course, self._since = course(rig, path or self.course.name), 0
+        self.reference, self._since = reference_path(rig, path or self.reference.name), 0
         self.advance(1)
 
     @property
-    def _unaware(self) -> Any:
+    def _fault_unaware(self) -> Any:
         return self.rig.controller(self.goal)
 
     @property
     def tick(self) -> int:
-        """So many are done."""
-        return self.flights[0].tick
+        """Number of simulated ticks."""
+        return self.runs[0].tick
 
     def advance(self, ticks: int) -> int:
-        """As many ticks, or until the flights have ended; how many were done.
+        """Simulate up to `ticks` ticks, at most to the end of the runs; return their number.
 
         Raises:
-            sim.SimulationDiverged: The physics left the finite numbers.
+            sim.SimulationDiverged: The state of the physics is not finite.
         """
-        ticks = min(ticks, self.flights[0].left)
-        desired, demands = self.course.at(self.tick - self._since + np.arange(ticks))
+        ticks = min(ticks, self.runs[0].ticks_left)
+        desired, demands = self.reference.at(self.tick - self._since + np.arange(ticks))
         for k in range(ticks):
-            for flight in self.flights:
-                flight.step(desired[k], None if demands is None else demands[k])
+            for run in self.runs:
+                run.step(desired[k], None if demands is None else demands[k])
         return ticks
 
     def make(self, actuator: int, kind: Kind) -> None:
         """Repair an actuator, or let it fail.
 
         Raises:
-            sim.ModelError: It is to lock and has no lock; it then works.
+            sim.ModelError: The model has no lock for the actuator, which then is healthy.
         """
         if self.states[actuator] == kind:
             return
         self._learn()
         steps: tuple[Kind, ...] = (HEALTHY, kind)
-        for each in steps:
-            if each != self.states[actuator]:
-                for flight in self.flights:
-                    flight.make(actuator, each)
-                self.states[actuator] = each
+        for step in steps:
+            if step != self.states[actuator]:
+                for run in self.runs:
+                    run.make(actuator, step)
+                self.states[actuator] = step
 
     def disturb(self, name: str, on: bool | None = None) -> None:
-        """An event begins, or ends; None is one that is over by itself, such as a bump."""
+        """Start or end an event; None: an event that ends by itself, such as a bump."""
         if on == (name in self.going_on):
             return
         self._learn()
         if on is not None:
             self.going_on ^= {name}
-        for flight in self.flights:
-            (flight.end if on is False else flight.begin)(name)
+        for run in self.runs:
+            (run.end_event if on is False else run.start_event)(name)
 
     def follow(self, name: str) -> None:
-        """Another path, after the present one faded out."""
-        self.course = course(self.rig, name, self.course, self.tick - self._since)
+        """Switch to another path after fading out the present one."""
+        self.reference = reference_path(self.rig, name, self.reference, self.tick - self._since)
         self._since = self.tick
 
     def weigh(self, joint_weight: Sequence[float]) -> None:
-        """W1 of the goal: what moves of an actuator costs so much."""
+        """Set the joint weights W1 of the goal."""
         if (weights := tuple(joint_weight)) == self.goal.joint_weight:
-            return  # a slider says the same several times
+            return  # a slider repeats its value
         self.goal = replace(self.goal, joint_weight=weights)
         self._supervisor = self.rig.supervisor(goal=self.goal)
-        self.flights[0].hand_over(self._supervised if self.diagnoses else self._unaware)
-        self.flights[1].hand_over(self._unaware)
+        self.runs[0].switch_controller(self._supervised if self.diagnoses else self._fault_unaware)
+        self.runs[1].switch_controller(self._fault_unaware)
 
     def diagnose(self, on: bool) -> None:
-        """Look for failures from now on, or go on with what is known."""
+        """Switch the diagnosis on, or off with its present results."""
         self._learn()
-        self.diagnoses, first = on, self.flights[0]
+        self.diagnoses, first = on, self.runs[0]
         if on:
-            first.hand_over(self._supervised)
+            first.switch_controller(self._supervised)
         elif isinstance(state := first.state, SupervisorState):
-            first.hand_over(state.current, state.controller)
+            first.switch_controller(state.current, state.controller)
 
     @property
     def _supervised(self) -> Supervisor:
-        """Knows the sound machine, if it was ever seen: it does not learn a broken one."""
+        """Supervisor calibrated with the healthy machine, if that was possible before a failure."""
         if self._learned is None:
             return self._supervisor
         return replace(self._supervisor, monitor=self._learned.monitor)
 
     def _learn(self) -> None:
-        """Keep what was learned before anything happened."""
-        state = self.flights[0].state
+        """Save the calibration from the time before the first failure or event."""
+        state = self.runs[0].state
         if self._learned is None and isinstance(state, SupervisorState):
-            with suppress(ValueError):  # not long enough, or there was a failure
+            with suppress(ValueError):  # too short, or there was a failure
                 self._learned = self._supervisor.calibrated(state)
 
     def last_minute(self) -> tuple[Run, Run]:
-        """What happened to both of late."""
-        first = max(0, self.tick - round(KEPT_S / self.rig.period_s))
-        return self.flights[0].run(first), self.flights[1].run(first)
+        """Return the runs of both machines in the last minute."""
+        first = max(0, self.tick - round(SAVED_S / self.rig.period_s))
+        return self.runs[0].logged_run(first), self.runs[1].logged_run(first)

@@ -1,4 +1,4 @@
-"""Machines side by side in the scene of a browser: magnified, with what has failed coloured."""
+"""Scene in a browser: machines side by side, with magnified motion and coloured failures."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -22,40 +22,40 @@ from sim import Array
 
 NAMES = ("supervised", "not supervised")
 COLORS = (BLUE, VERMILION)
-_APART, _DISTANCE, _HIGHER, _POINTER = 1.2, 1.75, 0.1, 0.6
-"""In extents of the machine."""
+_SPACING, _DISTANCE, _HIGHER, _POINTER = 1.2, 1.75, 0.1, 0.6
+"""Spacing, distance and height of the eye, and length of the pointer, in machine extents."""
 _TURN_RAD, _SHIFT = 0.2, 0.06
-"""Of a magnified path: its radius, or that in extents of the machine."""
+"""Radius of a magnified path: in [rad], or in extents of the machine."""
 _DOWN = -0.95, -0.5
 _TRAIL = 100
 _GREY = "#777777"
 FRAME_S = 0.04
-_DRAWN_GROUPS = 3
-"""The first groups of geoms are what MuJoCo's viewer shows."""
+_VISIBLE_GROUPS = 3
+"""Number of groups of geoms that MuJoCo's viewer shows by default."""
 
 
 class Stage:
-    """Both machines of a session, each with its path.
+    """Scene of both machines of a session, each with its path.
 
     Attributes:
-        factor: By which all motion is magnified.
+        factor: Factor of magnification of all motion.
     """
 
     def __init__(self, server: viser.ViserServer, session: Session) -> None:
-        """Draw them at rest, next to each other as the eye that the MJCF states sees them."""
-        self._session, rig, flight = session, session.rig, session.flights[0]
+        """Draw them at rest, next to each other for the viewing direction of the MJCF."""
+        self._session, rig, run = session, session.rig, session.runs[0]
         model, extent = rig.model, float(rig.model.stat.extent)
-        seen = _TURN_RAD if "rad" in rig.row_units else _SHIFT * extent
-        self.factor = int(round_down(max(1.0, seen / rig.size)))
+        visible = _TURN_RAD if "rad" in rig.row_units else _SHIFT * extent
+        self.factor = int(round_down(max(1.0, visible / rig.size)))
         ahead = _from_above(ahead_of(model))
         right = np.cross(ahead, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
-        self._pointer = Pointer(rig, *flight.frame)
+        self._pointer = Pointer(rig, *run.frame)
         self._actors = [
-            Actor(server.scene, rig, name, side * _APART / 2 * extent * right, color)
+            Actor(server.scene, rig, name, side * _SPACING / 2 * extent * right, color)
             for name, side, color in zip(NAMES, (-1, 1), COLORS, strict=True)
         ]
-        self._moves = mover(model, rig.file is None, flight.seen(slice(0, 1))[1][0])
+        self._moves = mover(model, rig.file is None, run.motion(slice(0, 1))[1][0])
         centre = model.stat.center + np.array([0.0, 0.0, _HIGHER * extent])
         camera = server.initial_camera
         camera.look_at, camera.up = centre, np.array([0.0, 0.0, 1.0])
@@ -63,47 +63,47 @@ class Stage:
 
         @server.on_client_connect
         def _(client: viser.ClientHandle) -> None:
-            # A phone that is held upright sees less of the width.
+            # An upright screen shows less of the width.
             if (aspect := client.camera.aspect) < 1.0:
                 client.camera.position = centre - _DISTANCE / aspect * extent * ahead
-                client.camera.look_at = centre  # it has moved along
+                client.camera.look_at = centre  # it moves with the position
 
     def show(self) -> None:
-        """How they are now, what failed, and where they go."""
+        """Update poses, failures and trails."""
         session = self._session
         every = max(1, round(FRAME_S / session.rig.period_s))
-        path = self._pointer.at(session.course.outline, self.factor)
-        for actor, flight in zip(self._actors, session.flights, strict=True):
-            last = flight.tick - 1
-            task, qpos, _ = flight.seen(slice(last, last + 1))
+        path = self._pointer.at(session.reference.outline, self.factor)
+        for actor, run in zip(self._actors, session.runs, strict=True):
+            last = run.tick - 1
+            task, qpos, _ = run.motion(slice(last, last + 1))
             actor.move(self._moves(task, qpos, self.factor))
             trail = slice(last - every * min(_TRAIL, last // every), last + 1, every)
-            actor.trail(self._pointer.at(flight.seen(trail)[2], self.factor), path)
+            actor.trail(self._pointer.at(run.motion(trail)[2], self.factor), path)
             actor.color(session.states)
 
 
 def _from_above(ahead: Array) -> Array:
-    """The same direction on the ground, so far down that a circle there is seen, not upright."""
+    """Return the viewing direction, tilted so that a circle on the ground is visible from above."""
     level = np.array([ahead[0], ahead[1], 0.0])
     down = np.clip(ahead[2], *_DOWN)
     return level * (np.sqrt(1.0 - down**2) / np.linalg.norm(level)) + [0.0, 0.0, down]
 
 
 class Pointer:
-    """A point of the task frame that shows its major rows: where it points, or where it is."""
+    """A point of the task frame that visualizes its major rows: a direction or a position."""
 
     def __init__(self, rig: Rig, origin: Array, axes: Array) -> None:
-        """Of a rig whose task frame is at an origin, its rows in the axes, in the world."""
+        """Use a rig's task frame, with origin (3,) [m] and axes (3, 3) of its rows in the world."""
         turned = [row for row in rig.major if row < 3]
         self._rows, self._origin, self._axes = list(rig.major), origin, axes
         self._lever = np.zeros(3)
-        if len(turned) == len(rig.major):  # rotations move a point that stands off
+        if len(turned) == len(rig.major):  # rotations move only points off the origin
             free = [axis for axis in (2, 0, 1) if axis not in turned] or [2]
             along = axes[:, free[0]]
             self._lever = _POINTER * rig.model.stat.extent * along * (-1 if along[2] < 0 else 1)
 
     def at(self, rows: Array, factor: float) -> Array:
-        """Places (N, 3) for displacements (N, m1) of the major rows, magnified."""
+        """Return positions (N, 3) [m] of magnified displacements (N, m1) of the major rows."""
         moved = np.zeros((len(rows), 6))
         moved[:, self._rows] = factor * rows
         turn = Rotation.from_rotvec(moved[:, :3] @ self._axes.T)
@@ -111,62 +111,64 @@ class Pointer:
 
 
 class Actor:
-    """One machine in a scene."""
+    """Machine in a scene."""
 
     def __init__(
         self, scene: viser.SceneApi, rig: Rig, name: str, place: Array, color: str
     ) -> None:
-        """Draw it at a place, with a trail of a colour, below a name."""
+        """Draw the machine at a position, below its name, with a trail of a colour."""
         model, root = rig.model, "/" + name.replace(" ", "_")
         self._place, red = place, np.array(rgb(FAILED))
         self._frames = dict[int, viser.FrameHandle]()
-        self._sound, self._failed = dict[int, viser.GlbHandle](), dict[int, viser.MeshHandle]()
+        self._healthy, self._failed = dict[int, viser.GlbHandle](), dict[int, viser.MeshHandle]()
         for body in range(model.nbody):
             first = model.body_geomadr[body]
-            geoms = [k for k in range(first, first + model.body_geomnum[body]) if _drawn(model, k)]
+            geoms = [
+                k for k in range(first, first + model.body_geomnum[body]) if _is_visible(model, k)
+            ]
             if not geoms:
                 continue
             mesh, under = merge_geoms(model, geoms), f"{root}/bodies/{body}"
             self._frames[body] = scene.add_frame(under, show_axes=False)
-            self._sound[body] = scene.add_mesh_trimesh(f"{under}/sound", mesh)
+            self._healthy[body] = scene.add_mesh_trimesh(f"{under}/healthy", mesh)
             self._failed[body] = scene.add_mesh_simple(
                 f"{under}/failed", mesh.vertices, mesh.faces, color=red, visible=False
             )
         ids = {body_name(model, k): k for k in range(model.nbody)}
         self._moves = model.body_weldid != 0
-        self._bodies = [[ids[body] for body in each] for each in stated_of(rig).bodies]
+        self._bodies = [[ids[body] for body in names] for names in stated_of(rig).bodies]
         top = model.stat.center + np.array([0.0, 0.0, 0.75 * model.stat.extent])
         scene.add_label(f"{root}/name", name, position=place + top, anchor="bottom-center")
         lines = partial(
             scene.add_line_segments, points=np.zeros((1, 2, 3)), thickness_units="screen"
         )
         self._trail = lines(f"{root}/trail", colors=np.array(rgb(color)), thickness=3.0)
-        self._course = lines(f"{root}/course", colors=np.array(rgb(_GREY)), thickness=1.0)
+        self._reference = lines(f"{root}/reference", colors=np.array(rgb(_GREY)), thickness=1.0)
 
     def move(self, motion: Motion) -> None:
-        """To the last time of a motion."""
+        """Move the bodies to the last poses of a motion."""
         quats = Rotation.from_matrix(motion.rotation[-1]).as_quat(scalar_first=True)
         for body, frame in self._frames.items():
             frame.position = motion.position_m[-1, body] + self._place
             frame.wxyz = quats[body]
-        self._frames = {k: each for k, each in self._frames.items() if self._moves[k]}
+        self._frames = {k: frame for k, frame in self._frames.items() if self._moves[k]}
 
-    def trail(self, late: Array, course: Array) -> None:
-        """Where it went of late, and where it is to go: places (N, 3)."""
-        for handle, places in ((self._trail, late), (self._course, course)):
+    def trail(self, past: Array, reference: Array) -> None:
+        """Draw the trail of the last ticks and the reference path: positions (N, 3) [m]."""
+        for handle, places in ((self._trail, past), (self._reference, reference)):
             ends = np.stack([places[:-1], places[1:]], axis=1) + self._place
             handle.points = ends.astype(np.float32)
 
     def color(self, states: Sequence[str]) -> None:
-        """What has failed."""
-        bad = {b for bodies, each in zip(self._bodies, states, strict=True) if each != HEALTHY
+        """Colour the bodies of failed actuators."""
+        bad = {b for bodies, state in zip(self._bodies, states, strict=True) if state != HEALTHY
                for b in bodies}  # fmt: skip
         for body in self._failed:
             self._failed[body].visible = body in bad
-            self._sound[body].visible = body not in bad
+            self._healthy[body].visible = body not in bad
 
 
-def _drawn(model: mujoco.MjModel, geom: int) -> bool:
-    without_end = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
+def _is_visible(model: mujoco.MjModel, geom: int) -> bool:
+    is_infinite = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
     group = model.geom_group[geom]
-    return not without_end and group < _DRAWN_GROUPS and model.geom_rgba[geom, 3] > 0
+    return not is_infinite and group < _VISIBLE_GROUPS and model.geom_rgba[geom, 3] > 0

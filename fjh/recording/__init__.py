@@ -1,6 +1,6 @@
-"""Rerun recordings of any mechanism: made after a run, opened without a click.
+"""Rerun recordings of any mechanism, written after a run, with a layout of views.
 
-The `.rrd` is for looking at; the `.npz` beside it is the record.
+The `.rrd` is for viewing; the `.npz` of the same name has all data.
 """
 
 from typing import Any

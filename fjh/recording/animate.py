@@ -1,4 +1,4 @@
-"""Animations of one run, or two side by side, as a GIF."""
+"""Animations of one run, or of two side by side, as a GIF."""
 
 import tempfile
 from pathlib import Path
@@ -14,14 +14,14 @@ from fjh.recording.view import RunView
 from fjh.study.option import OnProgress
 
 FRAMES, FRAME_MS, LAST_MS = 72, 90, 2000
-_BEFORE = 0.15  # part of the time after the first failure that is shown of the time before
-_COLUMN_PX, _COLORS = (400, 660), 128  # size of a run, and how many colours there are
+_LEAD = 0.15  # time before the first failure, as a fraction of that after it
+_COLUMN_PX, _COLORS = (400, 660), 128  # size of a run's column, and number of colours
 
 
 def write_animation(
     path: Path, files: list[Path], model: Path | None, on_progress: OnProgress
 ) -> None:
-    """Write a GIF of runs that repeats."""
+    """Write a GIF of runs that repeats without end."""
     runs, pictures = find_runs(files, model), list[Image.Image]()
     views = {name: one.view for name, one in runs.items()}
     size = _COLUMN_PX[0] * len(runs), _COLUMN_PX[1]
@@ -35,13 +35,13 @@ def write_animation(
             on_progress(len(pictures), FRAMES)
     palette = pictures[-1].quantize(_COLORS)
     first, *others = (one.quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures)
-    shown_ms = [*[FRAME_MS] * (FRAMES - 1), LAST_MS]
-    first.save(path, save_all=True, append_images=others, duration=shown_ms, loop=0)
+    durations_ms = [*[FRAME_MS] * (FRAMES - 1), LAST_MS]
+    first.save(path, save_all=True, append_images=others, duration=durations_ms, loop=0)
 
 
 def times_of(*runs: RunView) -> list[float]:
-    """Times of the frames [s], evenly spaced, from shortly before the first failure to the end."""
-    begin_s, end_s = min(one.time_s[0] for one in runs), max(one.time_s[-1] for one in runs)
-    struck_s = min((each.time_s for one in runs for each in one.failures), default=begin_s)
-    first_s = max(begin_s, struck_s - _BEFORE * (end_s - struck_s))
+    """Return times of the frames [s], evenly spaced from before the first failure to the end."""
+    start_s, end_s = min(one.time_s[0] for one in runs), max(one.time_s[-1] for one in runs)
+    onset_s = min((failure.time_s for run in runs for failure in run.failures), default=start_s)
+    first_s = max(start_s, onset_s - _LEAD * (end_s - onset_s))
     return [first_s + (end_s - first_s) * k / (FRAMES - 1) for k in range(FRAMES)]

@@ -1,4 +1,4 @@
-"""Parts of every Rerun recording: opening, time, lines, and a screen with nothing but views."""
+"""Common parts of Rerun recordings: file, time, lines, and a screen that has only views."""
 
 import hashlib
 import json
@@ -30,13 +30,13 @@ class RecordingInfo:
 
     recording_id: str  # experiment, run and seed
     name: str  # for people
-    notes: str  # Markdown beside the views: parameters, results, the paper's numbers
+    notes: str  # Markdown next to the views: parameters, results, the paper's numbers
     properties: dict[str, Any]  # seed, versions, model hash, every constant; units in the names
-    results: dict[str, Any] = field(default_factory=dict)  # as of `properties.results_of`
+    results: dict[str, Any] = field(default_factory=dict)  # those of `record.results_of`
 
     @property
     def identity(self) -> str:
-        """A name that no other recording has: the viewer merges recordings of one name."""
+        """Unique name of the recording: the viewer merges recordings of the same name."""
         content = json.dumps([self.notes, self.properties], default=str).encode()
         name = re.sub(r"[^\w-]", "-", self.recording_id)
         return f"{name}-{hashlib.sha256(content).hexdigest()[:8]}"
@@ -46,18 +46,18 @@ class RecordingInfo:
 def recording_file(
     path: Path, about: RecordingInfo, blueprint: rrb.Blueprint
 ) -> Iterator[rr.RecordingStream]:
-    """A recording to log into: with its views, properties and notes it is written on leaving.
+    """Open a recording for logging; on leaving, write it with its views, properties and notes.
 
     Raises:
-        OSError: The disk refuses, or the file cannot be read back.
-        Exception: Any error of the writer's, here and in the block; it runs in strict mode.
+        OSError: The file cannot be written or read back.
+        Exception: Any error of Rerun's writer in strict mode, here or in the block.
     """
     rr.set_strict_mode(True)
-    # The viewer keeps one layout for all recordings of an application: each of ours has its own.
+    # The viewer has one layout for all recordings of an application: each recording is its own.
     recording = rr.RecordingStream(
         f"fjh-{about.identity}", recording_id=about.identity, send_properties=False
     )
-    # Into memory first: a writer of Rerun's own would only log that the disk is full.
+    # Into memory first: Rerun's own file writer would only log that the disk is full.
     encoded = recording.binary_stream()
     recording.send_blueprint(blueprint, make_active=False, make_default=True)
     recording.set_log_time_enabled(False)
@@ -70,17 +70,17 @@ def recording_file(
     try:
         yield recording
     finally:
-        content = encoded.read()  # after an error, too: Rerun warns of a stream that nobody reads
+        content = encoded.read()  # after an error, too: Rerun warns of an unread stream
         recording.disconnect()
     path.write_bytes(content or b"")
     _read_back(path)
 
 
 def _read_back(path: Path) -> None:
-    """Decode all of a recording and of its views; an `OSError` where they are not whole."""
+    """Decode a recording and its views completely; raise `OSError` if they are incomplete."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # of a file that ends too early, the reader only warns
+            warnings.simplefilter("error")  # the reader only warns of a truncated file
             reader = RrdReader(path)
             (recording,), (views,) = reader.recordings(), reader.blueprints()
             for store in (recording, views):
@@ -91,23 +91,23 @@ def _read_back(path: Path) -> None:
 
 
 def rgb(color: str) -> list[int]:
-    """A colour of the palette as Rerun takes it."""
+    """Return a colour of the palette as R, G, B in 0..255."""
     return [round(255 * part) for part in to_rgb(color)]
 
 
 def round_down(value: float) -> float:
-    """The last of 1, 2, 5, 10, 20, ... up to a positive value."""
+    """Return the largest of 1, 2, 5, 10, 20, ... that does not exceed a positive value."""
     decade = 10.0 ** np.floor(np.log10(value))
     return float(decade * max(step for step in _ROUND if step * decade <= value))
 
 
 def time_column(time_s: Array) -> rr.TimeColumn:
-    """Simulation time in whole nanoseconds."""
+    """Return the column of simulation time, rounded to nanoseconds."""
     return rr.TimeColumn(TIMELINE, duration=np.rint(time_s * 1e9).astype("timedelta64[ns]"))
 
 
 def at_most(rate_hz: float, time_s: Array) -> slice:
-    """Every k-th of evenly spaced samples, k such that there are at most so many in a second."""
+    """Return the slice of evenly spaced samples that has at most `rate_hz` samples per second."""
     return slice(None, None, max(1, round(1 / (rate_hz * float(time_s[1] - time_s[0])))))
 
 
@@ -121,25 +121,25 @@ def log_series(
     color: str | None = None,
     width: float | None = None,
 ) -> None:
-    """Log one line for each column of `values`, as float64; names carry the units.
+    """Log one line for each column of `values`, as float64; units are in the names.
 
-    Lines of one given colour are drawn point by point, gaps and all.
+    With a colour given, points are not aggregated, so that gaps remain visible.
     """
-    alike = None if color is None else rr.components.AggregationPolicy.Off
+    aggregation = None if color is None else rr.components.AggregationPolicy.Off
     colors = LINES if color is None else [color]
-    shown = [_WHITE if each == BLACK else rgb(each) for each in colors]  # on a dark background
+    on_dark = [_WHITE if name == BLACK else rgb(name) for name in colors]
     style = rr.SeriesLines(
         names=names,
-        colors=[shown[k % len(shown)] for k in range(len(names))],
+        colors=[on_dark[k % len(on_dark)] for k in range(len(names))],
         widths=None if width is None else [width] * len(names),
-        aggregation_policy=alike,
+        aggregation_policy=aggregation,
     )
     recording.log(entity, style, static=True)
     recording.send_columns(entity, indexes=[time], columns=rr.Scalars.columns(scalars=values))
 
 
 def screen(views: rrb.Container) -> rrb.Blueprint:
-    """The views without the viewer's panels, at the recording's end, where all is drawn."""
+    """Return a blueprint of the views without the viewer's panels, at the recording's end."""
     return rrb.Blueprint(
         views,
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="following"),

@@ -1,6 +1,6 @@
-"""The layout of recordings: one run, two or three side by side, many; conditions of a machine.
+"""Layout of recordings: one run, a few side by side, many, or conditions of a machine.
 
-Sizes are those of a window of 1600 x 900 pixels.
+Sizes are for a window of 1600 x 900 pixels.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,27 +16,27 @@ from fjh.recording.signals import Plot, plot_view
 from fjh.recording.view import ERROR
 
 MANY = 6
-"""Runs on a page."""
+"""Largest number of runs on a page."""
 _PANELS = 4
-"""Panels below each other that leave room for the ticks of each, where runs are side by side."""
+"""Largest number of panels in the column of a run; more would be too low for their ticks."""
 _HEIGHT = 880.0
 _SIGNALS = 0.7
-"""Share of the width."""
+"""Share of the signals in the width."""
 _NAMES, _FEW_NAMES = 8, 4
-"""Names in a legend that leave something of the plot to be seen."""
+"""Largest number of names in the legend of a wide and of a narrow plot."""
 
 
 def write_scenes(
     path: Path, about: RecordingInfo, scenes: Mapping[str, Scene], *, pages: bool = True
 ) -> None:
-    """Write scenes, by their names, as one `.rrd` file; conditions of a machine without pages."""
+    """Write scenes by name as one `.rrd` file; use `pages=False` for conditions of a machine."""
     single = next(iter(scenes.values())) if pages and len(scenes) == 1 else None
     views = _side_by_side(scenes, pages) if single is None else _single(single)
     _write(path, about, scenes, views, single is None)
 
 
 def write_film(path: Path, about: RecordingInfo, scenes: Mapping[str, Scene]) -> None:
-    """Write scenes for small pictures: each is a column of its machine, its plane, its error."""
+    """Write scenes for small pictures: one column of machine, plane and error for each."""
     columns = []
     for number, (name, scene) in enumerate(scenes.items()):
         under = entity_of(number)
@@ -51,21 +51,21 @@ def write_film(path: Path, about: RecordingInfo, scenes: Mapping[str, Scene]) ->
 
 
 def _write(
-    path: Path, about: RecordingInfo, scenes: Mapping[str, Scene], views: rrb.Container, apart: bool
+    path: Path, about: RecordingInfo, scenes: Mapping[str, Scene], views: rrb.Container, split: bool
 ) -> None:
     with recording_file(path, about, screen(views)) as recording:
         for number, (name, scene) in enumerate(scenes.items()):
-            under = entity_of(number) if apart else ""
+            under = entity_of(number) if split else ""
             log_scene(recording, under, scene, name if len(scenes) > 1 else "")
 
 
 def entity_of(number: int) -> str:
-    """The entity below which the scene of a number is logged, of several."""
+    """Return the entity of the scene of this number in a recording of several."""
     return f"run_{number}/"
 
 
 def _single(scene: Scene) -> rrb.Container:
-    """The machine, its path and the words; next to them all signals, one below the other."""
+    """Return machine, path and texts in one column, and all signals in another."""
     left, heights = list[rrb.View]([_machine("", scene)]), [310.0]
     if scene.plane is not None:
         left.append(plane_view("plane", scene.plane.title, scene.plane))
@@ -85,9 +85,9 @@ def _single(scene: Scene) -> rrb.Container:
 
 
 def _side_by_side(scenes: Mapping[str, Scene], pages: bool) -> rrb.Container:
-    """Two or three next to the notes; more without the machines, which have a page of their own.
+    """Return up to three scenes next to the notes; more on pages, with machines on their own page.
 
-    Where `pages` is off, four are in one row, and more in rows of three: conditions have few plots.
+    Without `pages`, up to four are in one row and more in rows of three: conditions have few plots.
     """
     if len(scenes) > FEW and pages:
         return _pages(scenes)
@@ -100,20 +100,20 @@ def _side_by_side(scenes: Mapping[str, Scene], pages: bool) -> rrb.Container:
         if scene.plane is not None:
             pictures.append(plane_view(f"{under}plane", scene.plane.title, scene.plane))
         top = rrb.Horizontal(*pictures, column_shares=[3, 2][: len(pictures)])
-        # Conditions are about the machine: it is twice as high as a plot.
+        # In conditions the machine matters most: it is twice as high as a plot.
         machine = height * (0.32 if pages else 2 / (2 + len(scene.panels)))
-        panels, rest = scene.panels[:_PANELS], height - machine - states
-        views, shares = _panels(under, scene, panels, rest, names=_FEW_NAMES)
+        panels, remaining = scene.panels[:_PANELS], height - machine - states
+        views, shares = _panels(under, scene, panels, remaining, names=_FEW_NAMES)
         if scene.has_events:
             views.append(_states(under))
             shares.append(states)
         cells.append(rrb.Vertical(top, *views, row_shares=[machine, *shares]))
     grid = rrb.Grid(*cells, grid_columns=per_row)
-    return rrb.Horizontal(_words(scenes), grid, column_shares=[1, 4])
+    return rrb.Horizontal(_text_views(scenes), grid, column_shares=[1, 4])
 
 
 def _pages(scenes: Mapping[str, Scene]) -> rrb.Container:
-    """Plots of six on a page; one page of machines, and one of words."""
+    """Return pages of the plots of up to `MANY` scenes, a page of machines, and one of texts."""
     columns, machines = list[rrb.Container](), list[rrb.View]()
     for number, (name, scene) in enumerate(scenes.items()):
         under, top = entity_of(number), list[rrb.View]()
@@ -128,11 +128,11 @@ def _pages(scenes: Mapping[str, Scene]) -> rrb.Container:
         heights = [height] * len(top) + shares
         columns.append(rrb.Vertical(*top, *views, row_shares=heights, name=name))
     pages = [
-        rrb.Horizontal(*columns[begin : begin + MANY], name=f"Side by side, from {begin + 1}")
-        for begin in range(0, len(columns), MANY)
+        rrb.Horizontal(*columns[first : first + MANY], name=f"Side by side, from {first + 1}")
+        for first in range(0, len(columns), MANY)
     ]
     robots = rrb.Grid(*machines, name="Robots")
-    return rrb.Tabs(*pages, robots, _words(scenes), active_tab=0)
+    return rrb.Tabs(*pages, robots, _text_views(scenes), active_tab=0)
 
 
 def _panels(
@@ -144,8 +144,8 @@ def _panels(
     names: int = _NAMES,
     is_wide: bool = True,
 ) -> tuple[list[rrb.View], list[float]]:
-    """Views of plots in a column so high, and their heights; legends of so many names at most."""
-    # Names need room above the lines, and the error is what matters.
+    """Return views of plots in a column, and their heights; legends have at most `names` names."""
+    # Names need space above the lines, and the error matters most.
     shares = [
         max(3.5 * plot.entity.startswith(ERROR), 2.5 + 0.17 * min(6, len(plot.names)))
         for plot in panels
@@ -164,7 +164,7 @@ def _panels(
 
 
 def _states_px(scenes: Sequence[Scene]) -> float:
-    """Height of the states of actuators, the same for all scenes."""
+    """Return the height of the actuators' states, the same for all scenes."""
     lanes = [len(scene.lanes) for scene in scenes if scene.has_events]
     return 62.0 + 42.0 * max(lanes) if lanes else 0.0
 
@@ -183,8 +183,8 @@ def _notes() -> rrb.TextDocumentView:
     return rrb.TextDocumentView(origin="notes", name="Notes")
 
 
-def _words(scenes: Mapping[str, Scene]) -> rrb.Container:
-    """The notes, and the events of all scenes as a list."""
+def _text_views(scenes: Mapping[str, Scene]) -> rrb.Container:
+    """Return the notes, and a list of the events of all scenes."""
     views: list[rrb.View] = [_notes()]
     if any(scene.has_events for scene in scenes.values()):
         every = [f"+ /{entity_of(k)}events" for k in range(len(scenes))]

@@ -1,4 +1,4 @@
-"""A machine in 3D, drawn as its MJCF says: its bodies move, what has failed is coloured."""
+"""View of a machine in 3D from its MJCF, with moving bodies and coloured failures."""
 
 import copy
 from collections.abc import Mapping, Sequence
@@ -20,9 +20,9 @@ from fjh.study.palette import FAILED, VERMILION
 
 _PICTURES_HZ = 25
 _DISTANCE = 1.6
-"""Distance of the eye in extents of the machine: all of it is seen, and labels next to it."""
+"""Distance of the eye in extents of the machine, so that all of it and its labels are visible."""
 _ASIDE, _ABOVE, _BELOW = 0.3, 0.55, 0.09
-"""Places of labels, from the middle and below each other, in extents of the machine."""
+"""Positions of labels from the centre, and their spacing, in extents of the machine."""
 _LABEL = [240] * 3
 
 FIXTURES: Mapping[str, rr.AsComponents] = {
@@ -31,41 +31,41 @@ FIXTURES: Mapping[str, rr.AsComponents] = {
     )
     for k in range(1, 7)
 } | {
-    # The pointing axis: the payload's z axis, upwards. The laser is in the MJCF, and stands still.
+    # The pointing axis: the payload's z axis, upwards. The laser in the MJCF is stationary.
     "payload/beam": rr.LineStrips3D(
         [[[0, 0, 0.17], [0, 0, 0.55]]], colors=[rgb(VERMILION)], radii=[0.002]
     )
 }
-"""Numbers of struts and the beam, drawn on the hexapod's bodies, by entities below them."""
+"""Numbers of struts and the beam on the hexapod's bodies, by entities below them."""
 
 Failing = tuple[Sequence[str], Sequence[tuple[float, str]]]
-"""Bodies of a failed actuator, and words on it from each time on, first from its failure on."""
+"""Bodies of a failed actuator, and its labels, each from a time [s] on, the first at onset."""
 
 
 def stills(time_s: Array) -> slice:
-    """The samples that are drawn in 3D, of evenly spaced ones."""
+    """Return the slice of evenly spaced samples that are logged in 3D."""
     return at_most(_PICTURES_HZ, time_s)
 
 
 def load_colors(load: Array, full_load: float) -> Array:
-    """Blue for negative, grey for no, red for positive load (T,), shape (T, 3), 0..255."""
+    """Return colours (T, 3) in 0..255 of loads (T,): blue negative, grey zero, red positive."""
     share = 0.5 + 0.5 * load / full_load
     return matplotlib.colormaps["coolwarm"](share, bytes=True)[:, :3]
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A machine at times (T,), as it is drawn.
+    """A machine in 3D over time.
 
     Attributes:
-        model: Of all geoms.
-        time_s: (T,).
-        motion: Of its bodies, magnified by the factor.
-        factor: By which it is magnified.
-        failing: What fails; without bodies, no picture of it.
-        colors: Of bodies over time, (T, 3) in 0..255, until they fail.
-        fixtures: What else moves with bodies, by entities below them.
-        words: On colours and the like, for the title.
+        model: Model with all geoms.
+        time_s: Times (T,).
+        motion: Magnified motion of its bodies.
+        factor: Factor of the magnification.
+        failing: Failed actuators; those without bodies are not marked.
+        colors: Colours of bodies over time, (T, 3) in 0..255, until they fail.
+        fixtures: Further shapes that move with bodies, by entities below them.
+        note: Addition to the title, such as the meaning of colours.
     """
 
     model: mujoco.MjModel
@@ -75,20 +75,20 @@ class Picture:
     failing: Sequence[Failing] = ()
     colors: Mapping[str, Array] = field(default_factory=dict)
     fixtures: Mapping[str, rr.AsComponents] = field(default_factory=dict)
-    words: str = ""
+    note: str = ""
 
     @property
     def title(self) -> str:
-        """The title: how much motion is magnified, and what colours mean."""
+        """Title with the magnification of motion and the note."""
         size = f"motion x{self.factor}" if self.factor > 1 else ""
-        return "; ".join(filter(None, (size, self.words)))
+        return "; ".join(filter(None, (size, self.note)))
 
 
 def log_machine(recording: rr.RecordingStream, entity: str, picture: Picture) -> None:
-    """Log the geoms of an MJCF below an entity, their motion, and what fails of them."""
-    motion, time_s, begin_s = picture.motion, picture.time_s, float(picture.time_s[0])
-    logger = MJCFLogger(_drawn_once(picture.model), entity_path_prefix=entity)
-    recording.set_time(TIMELINE, duration=begin_s)
+    """Log the geoms of an MJCF below an entity, their motion, and failed bodies."""
+    motion, time_s, start_s = picture.motion, picture.time_s, float(picture.time_s[0])
+    logger = MJCFLogger(_without_collisions(picture.model), entity_path_prefix=entity)
+    recording.set_time(TIMELINE, duration=start_s)
     logger.log_model(recording)
     for k, name in enumerate(motion.names):
         place, turn = motion.position_m[:, k], motion.rotation[:, k]
@@ -101,7 +101,7 @@ def log_machine(recording: rr.RecordingStream, entity: str, picture: Picture) ->
     for below, archetype in picture.fixtures.items():
         recording.log(body_entity(entity, below), archetype, static=True)
     failed_s = {
-        name: max(begin_s, words[0][0]) for names, words in picture.failing for name in names
+        name: max(start_s, labels[0][0]) for names, labels in picture.failing for name in names
     }
     for name, colors in picture.colors.items():
         until = slice(int(np.searchsorted(time_s, failed_s.get(name, np.inf))))
@@ -116,15 +116,15 @@ def log_machine(recording: rr.RecordingStream, entity: str, picture: Picture) ->
             _log_label(recording, f"{entity}/labels/failure_{k}", picture, k)
 
 
-def _drawn_once(model: mujoco.MjModel) -> mujoco.MjModel:
-    """The model without collisions: the loader leaves out, or draws twice, geoms that collide."""
-    drawn = copy.copy(model)
-    drawn.geom_contype[:] = drawn.geom_conaffinity[:] = 0
-    return drawn
+def _without_collisions(model: mujoco.MjModel) -> mujoco.MjModel:
+    """Return the model without collisions, whose geoms the loader would omit or duplicate."""
+    copied = copy.copy(model)
+    copied.geom_contype[:] = copied.geom_conaffinity[:] = 0
+    return copied
 
 
 def body_entity(entity: str, body: str) -> str:
-    """The entity of a body's pose; what is logged below it moves with the body."""
+    """Return the entity of a body's pose; entities below it move with the body."""
     return MJCFLogPaths(entity).body_path(body)
 
 
@@ -136,7 +136,7 @@ def _log_colors(
     time_s: Array,
     colors: Array,
 ) -> None:
-    """Colour the cylinders of a body over time."""
+    """Log the colours of a body's cylinders over time."""
     body = model.body(name)
     for k in range(body.geomadr[0], body.geomadr[0] + body.geomnum[0]):
         if len(time_s) and model.geom_type[k] == mujoco.mjtGeom.mjGEOM_CYLINDER:
@@ -147,9 +147,9 @@ def _log_colors(
 
 
 def _log_label(recording: rr.RecordingStream, path: str, picture: Picture, row: int) -> None:
-    """Log words on a failure next to the machine, and a line from there to the bodies."""
-    (bodies, words), model = picture.failing[row], picture.model
-    since = picture.time_s >= words[0][0] - 1e-9
+    """Log the labels of a failure next to the machine, and a line from there to its bodies."""
+    (bodies, labels), model = picture.failing[row], picture.model
+    since = picture.time_s >= labels[0][0] - 1e-9
     if not since.any():
         return
     at = [picture.motion.names.index(name) for name in bodies]
@@ -168,20 +168,20 @@ def _log_label(recording: rr.RecordingStream, path: str, picture: Picture, row: 
         positions=[place], colors=[color], radii=[-2.0], show_labels=True
     )
     recording.log(f"{path}/text", style, static=True)
-    times, labels = zip(*words, strict=True)
-    columns = rr.Points3D.columns(labels=labels)
+    times, texts = zip(*labels, strict=True)
+    columns = rr.Points3D.columns(labels=texts)
     recording.send_columns(f"{path}/text", [time_column(np.array(times))], columns)
 
 
 def ahead_of(model: mujoco.MjModel) -> Array:
-    """The direction in which a machine is seen, as its MJCF says."""
+    """Return the viewing direction (3,) that the MJCF states."""
     azimuth, elevation = np.deg2rad([model.vis.global_.azimuth, model.vis.global_.elevation])
     level = np.cos(elevation)
     return np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
 
 
 def machine_view(entity: str, name: str, model: mujoco.MjModel) -> rrb.Spatial3DView:
-    """A view of a mechanism, seen as its MJCF says."""
+    """Return a view of a mechanism from the direction that its MJCF states."""
     eye = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital,
         position=model.stat.center - _DISTANCE * model.stat.extent * ahead_of(model),

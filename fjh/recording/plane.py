@@ -1,4 +1,4 @@
-"""Two rows of the major task in a plane: where they should be, and where they are."""
+"""Plane of two rows of the major task: desired and reached curves."""
 
 from dataclasses import dataclass
 
@@ -11,29 +11,29 @@ from fjh.recording.file import TIMELINE, at_most, rgb, round_down, time_column
 from fjh.study.palette import ORANGE, SKY
 
 _RATE_HZ = 50
-"""Rate of the curves in a plane."""
+"""Rate [Hz] of the curves in a plane."""
 _UP = np.array([1, -1])
-"""Image axes run down: the second axis is drawn upwards."""
+"""Signs of the axes: vertical image axes run down, the second row is plotted upwards."""
 MARGIN = 1.3
-"""Side of the square over the extent of the curves: its label stands beyond them."""
+"""Side of the square relative to the extent of the curves, with space for the label."""
 _LABEL, _ARM = 0.93, 1.1
-"""Place of the label, in halves of the square; and these over the longest arm of the cross."""
+"""Position of the label in half sides of the square; half side over the longest cross arm."""
 _WHITE, _GREY = [240, 240, 240], [120, 120, 120]
 
 
 @dataclass(frozen=True)
 class Plane:
-    """Two rows of the major task, desired and reached, shape (N, 2), in the unit.
+    """Two rows of the major task as curves in a plane.
 
     Attributes:
-        title: Of the view.
-        names: Of the rows: right, up.
-        unit: Of both.
-        desired: (N, 2).
-        reached: (N, 2).
-        within: Curves (K, 2) that the square which is shown holds.
-        margin: Side of that square over the extent of the curves.
-        note: Below the scale.
+        title: Title of the view.
+        names: Names of the rows: right, up.
+        unit: Unit of both rows.
+        desired: Desired curve (N, 2).
+        reached: Reached curve (N, 2).
+        enclosed: Points (K, 2) that the visible square contains.
+        margin: Side of the square relative to the extent of these points.
+        note: Text below the scale.
     """
 
     title: str
@@ -41,21 +41,21 @@ class Plane:
     unit: str
     desired: Array
     reached: Array
-    within: Array
+    enclosed: Array
     margin: float = MARGIN
     note: str = ""
 
     @property
     def square(self) -> tuple[Array, float]:
-        """Centre (2,) and half the side of what is shown."""
-        low, high = self.within.min(axis=0), self.within.max(axis=0)
+        """Centre (2,) and half the side of the visible square."""
+        low, high = self.enclosed.min(axis=0), self.enclosed.max(axis=0)
         half, center = self.margin * float((high - low).max()) / 2, (low + high) / 2
-        # A spiral is nearly centred, and is shown as if it were.
+        # A spiral is nearly centred: round its centre to zero.
         return np.where(np.abs(center) < 0.1 * half, 0.0, center), half
 
 
 def log_plane(recording: rr.RecordingStream, entity: str, time_s: Array, plane: Plane) -> None:
-    """Log both curves piece by piece, so that a view can show them up to its own time (N,)."""
+    """Log both curves at times (N,) by segments, so that a view can end at the current time."""
     every, (_, half) = at_most(_RATE_HZ, time_s), plane.square
     _log_scale(recording, entity, plane)
     start = rr.Points2D([plane.desired[0] * _UP], colors=[_WHITE], radii=[half / 80])
@@ -72,7 +72,7 @@ def log_plane(recording: rr.RecordingStream, entity: str, time_s: Array, plane: 
 
 
 def _log_scale(recording: rr.RecordingStream, entity: str, plane: Plane) -> None:
-    """Log a cross with arms of a round length, which a label states: the view has no scale."""
+    """Log a cross with arms of a round length and its label, because the view has no scale."""
     center, half = plane.square
     arm, middle = round_down(half / _ARM), center * _UP
     ends = middle + arm * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
@@ -91,7 +91,7 @@ def _log_scale(recording: rr.RecordingStream, entity: str, plane: Plane) -> None
 
 
 def plane_view(entity: str, name: str, plane: Plane) -> rrb.Spatial2DView:
-    """A view of the curves from their start to the time shown."""
+    """Return a view of the curves from their start to the current time."""
     center, half = plane.square
     x, y = center * _UP
     bounds = rrb.VisualBounds2D(x_range=[x - half, x + half], y_range=[y - half, y + half])

@@ -1,4 +1,4 @@
-"""Properties of a recording and of its run, for whoever looks for one among many."""
+"""Properties of a recording and of its run, for searches in many recordings."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -11,26 +11,26 @@ from fjh.study.errors import WrongInput
 from fjh.study.result import Check
 
 GROUPS = ("run", "results")
-"""Groups of properties: how the run was made, and what came out."""
+"""Groups of properties: parameters of the run, and its results."""
 
 
 def properties_of(path: Path) -> dict[str, Any]:
-    """All properties of a recording by name, those of both groups; one value, or a list of several.
+    """Return all properties of a recording by name, each one value or a list of several.
 
     Raises:
-        WrongInput: It is no whole recording.
+        WrongInput: The file is no complete recording.
     """
     run, results = groups_of(path)
     return run | results
 
 
 def groups_of(path: Path) -> list[dict[str, Any]]:
-    """The properties of each of `GROUPS`; as of :func:`properties_of`."""
+    """Return the properties of each of `GROUPS`, with values as in :func:`properties_of`."""
     try:
-        with warnings.catch_warnings(action="error"):  # of a file that ends too early it only warns
+        with warnings.catch_warnings(action="error"):  # the reader only warns of a truncated file
             reader = RrdReader(path)
-            places = [f"/__properties/{group}" for group in GROUPS]
-            found = [reader.stream().filter(content=each).to_chunks() for each in places]
+            entities = [f"/__properties/{group}" for group in GROUPS]
+            groups = [reader.stream().filter(content=entity).to_chunks() for entity in entities]
     except Exception as error:  # the reader's own errors have no common class
         reason = " ".join(str(error).split())
         raise WrongInput(f"{path} is not a readable recording: {reason}") from None
@@ -41,17 +41,17 @@ def groups_of(path: Path) -> list[dict[str, Any]]:
             for name, cell in chunk.to_record_batch().to_pydict().items()
             if not name.startswith("rerun.")
         }
-        for chunks in found
+        for chunks in groups
     ]
 
 
 def constants(properties: Mapping[str, Any]) -> list[str]:
-    """All parameters as a table in Markdown; units are in their names."""
+    """Return all parameters as a table in Markdown; units are in their names."""
     return ["| parameter | value |", "| --- | --- |"] + [
         f"| {name} | {value} |" for name, value in properties.items()
     ]
 
 
 def checked(checks: Sequence[Check]) -> str:
-    """The first check that failed, or "passed"."""
+    """Return the sentence on the first failed check, or "passed"."""
     return next((str(check) for check in checks if not check.passed), "passed")

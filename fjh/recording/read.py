@@ -1,4 +1,4 @@
-"""A run read back from its data (.npz) and its recording (.rrd), which anybody may have written."""
+"""Reader of runs from their data (.npz) and recordings (.rrd), which may be untrusted files."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -15,36 +15,36 @@ from fjh.recording import Array
 from fjh.recording.file import TIMELINE
 from fjh.recording.layout import entity_of
 from fjh.recording.properties import groups_of
-from fjh.recording.record import FLIGHT
+from fjh.recording.record import STATED_PROPERTY
 from fjh.recording.view import PUBLISHED, Change, RunView, Stated, as_run_arrays, stated_of
 from fjh.rig import Rig
 from fjh.rig.bodies import body_name
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.units import ROWS
 from fjh.study.errors import WrongInput
-from fjh.study.foreign import read_arrays
-from fjh.study.spelling import LARGEST_FILE, check_file
+from fjh.study.input_checks import LARGEST_FILE, check_file
+from fjh.study.untrusted_files import read_arrays
 from sim import MODELS, load_model
 from sim.mjcf import model_sha256
 
 LARGEST = 1e6
-"""Largest value in [s], [rad], [m] or [%]: what a machine does stays far below."""
+"""Largest valid value in [s], [rad], [m] or [%], far above those of any machine."""
 _UNEVEN = 1e-6
 _OF_ANY = ("time_s", "desired", "true", "qpos")
-"""Arrays by which a run is known that is none of the hexapod's studies."""
+"""Arrays that identify a run of any robot; the studies of the hexapod write others."""
 _TRUE = ("/task/true", f"/{entity_of(0)}task/true")
-"""Entities of the true displacements of the only or first run of a recording."""
+"""Entities of the true displacements of the single or first run of a recording."""
 
 
 class NoRunError(WrongInput):
-    """The file holds something else than a run."""
+    """Error of a data file that is not a run."""
 
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """A run read back, the study by which it was recorded, and its parameters.
+    """A run read back, the study that recorded it, and its parameters.
 
-    Where there is no recording beside the data, the last two are empty.
+    Without a recording, study and parameters are empty.
     """
 
     view: RunView
@@ -53,40 +53,41 @@ class RecordedRun:
 
 
 def read_run(path: Path, machine: Path | None = None) -> RecordedRun:
-    """A run, with what its recording says of it; drawn with the machine file of this path.
+    """Read a run from its `.npz` file and the recording of the same name.
 
-    None is the file that the recording names, or that of `models/` with its SHA-256. A run of the
-    hexapod's studies needs no recording; nothing is known then of failures.
+    `machine` is the MJCF for drawing; None: the file that the recording names, or that of `models/`
+    with its SHA-256. A run of the hexapod's studies needs no recording, but then has no failures.
 
     Raises:
-        NoRunError: It holds something else.
-        WrongInput: It is no such file, or not a whole one; the recording beside it is missing, not
-            of it or of an earlier version; its machine file is another, or is nowhere.
+        NoRunError: The file is not a run.
+        WrongInput: The file is missing or incomplete; its recording is missing, of another run or
+            of an earlier version; its machine file differs or is not found.
     """
     arrays, recording = read_arrays(path), path.with_suffix(".rrd")
     is_published = set(PUBLISHED.values()) <= arrays.keys()
     if not is_published and (missing := [name for name in _OF_ANY if name not in arrays]):
         raise NoRunError(f"{path} is not a run of the hexapod or another robot: no {missing[0]}")
-    parameters, study, found = dict[str, Any](), "", None
+    parameters, study, content = dict[str, Any](), "", None
     if recording.is_file():
         parameters, results = groups_of(recording)
-        study, found = str(results.get("study", "")), _json(recording, parameters.pop(FLIGHT, ""))
+        study = str(results.get("study", ""))
+        content = _json(recording, parameters.pop(STATED_PROPERTY, ""))
     elif not is_published:
         raise WrongInput(
-            f"{path} cannot be read without {recording.name}, which says of what it is"
+            f"{path} cannot be read without {recording.name}, which describes its robot"
         )
-    model = load_model(machine if found is None else _machine_of(path, found, machine))
+    model = load_model(machine if content is None else _machine_of(path, content, machine))
     try:
-        its = stated_of(Rig.hexapod(), machine_file=machine) if found is None else _stated(found)
-        _check_stated(its, model)
+        stated = _stated(content) if content else stated_of(Rig.hexapod(), machine_file=machine)
+        _check_stated(stated, model)
     except (ValueError, LookupError, TypeError, AttributeError) as error:
         raise WrongInput(f"{path} and {recording.name} are not a run: {error}") from None
     try:
-        _check_arrays(arrays, its, model.nq)
+        _check_arrays(arrays, stated, model.nq)
     except ValueError as error:
         raise WrongInput(f"{path} is not a complete run: {error}") from None
-    view = RunView(its, as_run_arrays(arrays), model)
-    if found is not None and not _is_of(recording, view):
+    view = RunView(stated, as_run_arrays(arrays), model)
+    if content is not None and not _is_of(recording, view):
         raise WrongInput(
             f"{recording} is not the recording of {path.name}: their displacements differ"
         )
@@ -94,46 +95,48 @@ def read_run(path: Path, machine: Path | None = None) -> RecordedRun:
 
 
 def _json(recording: Path, text: str) -> dict[str, Any]:
-    """The fields of :class:`.view.Stated` that a recording has, not yet checked."""
+    """Return the fields of :class:`.view.Stated` in a recording, without a check of the values."""
     with suppress(ValueError):
-        found = json.loads(text)
-        if isinstance(found, dict) and found.keys() == {each.name for each in fields(Stated)}:
-            return found
+        content = json.loads(text)
+        if isinstance(content, dict) and content.keys() == {field.name for field in fields(Stated)}:
+            return content
     raise WrongInput(f"{recording} was recorded by an earlier version, and cannot be read back")
 
 
-def _stated(found: dict[str, Any]) -> Stated:
-    changes = {key: [Change(**each) for each in found[key]] for key in ("incidents", "diagnoses")}
-    return Stated(**{**found, **changes})
+def _stated(content: dict[str, Any]) -> Stated:
+    keys = ("incidents", "diagnoses")
+    changes = {key: [Change(**entry) for entry in content[key]] for key in keys}
+    return Stated(**{**content, **changes})
 
 
-def _check_stated(its: Stated, model: mujoco.MjModel) -> None:
-    """Raise a ValueError or another error where no run of a robot of this model states so."""
-    if its.hexapod:
-        hexapod(model)  # raises for any other
-    n, changes = len(its.actuators), [*its.incidents, *its.diagnoses]
-    texts = [its.robot, its.known, its.status, *its.actuators, *its.rows, *its.row_units]
-    texts += [*its.actuator_units, *its.input_units, *(each.kind for each in changes)]
+def _check_stated(stated: Stated, model: mujoco.MjModel) -> None:
+    """Raise a ValueError or another error if the statement is invalid for a robot of this model."""
+    if stated.hexapod:
+        hexapod(model)  # raises for any other robot
+    n, changes = len(stated.actuators), [*stated.incidents, *stated.diagnoses]
+    texts = [stated.robot, stated.known, stated.status, *stated.actuators, *stated.rows]
+    texts += [*stated.row_units, *stated.actuator_units, *stated.input_units]
+    texts += [change.kind for change in changes]
     if not all(isinstance(text, str) for text in texts):
         raise ValueError("names, units and kinds must be text")
-    sizes = [len(each) for each in (its.actuator_units, its.input_units, its.bodies)]
-    if sizes != [n] * 3 or np.array(its.limits, dtype=float).shape != (2, n):
+    sizes = [len(names) for names in (stated.actuator_units, stated.input_units, stated.bodies)]
+    if sizes != [n] * 3 or np.array(stated.limits, dtype=float).shape != (2, n):
         raise ValueError(f"units, bodies and limits must be of {n} actuators")
     bodies, rows = {body_name(model, k) for k in range(model.nbody)}, set(range(len(ROWS)))
-    if not {name for each in its.bodies for name in each} <= bodies:
+    if not {name for names in stated.bodies for name in names} <= bodies:
         raise ValueError("bodies must be those of the robot")
-    if len(its.rows) != len(rows) or not its.major or not set(its.major) <= rows:
+    if len(stated.rows) != len(rows) or not stated.major or not set(stated.major) <= rows:
         raise ValueError(f"major must be some of {len(rows)} rows")
-    if len(its.row_units) != len(its.major):
+    if len(stated.row_units) != len(stated.major):
         raise ValueError("row_units must be of the major rows")
-    for each in changes:
-        if each.actuator not in (*its.actuators, None) or not 0.0 <= each.time_s < np.inf:
-            raise ValueError(f"no actuator of the robot, or no time of a run: {each}")
+    for change in changes:
+        if change.actuator not in (*stated.actuators, None) or not 0.0 <= change.time_s < np.inf:
+            raise ValueError(f"no actuator of the robot, or no time of a run: {change}")
 
 
-def _check_arrays(arrays: Mapping[str, Array], its: Stated, nq: int) -> None:
-    """Raise a ValueError where these are not the arrays of such a run."""
-    n, m1, N = len(its.actuators), len(its.major), arrays["time_s"].size
+def _check_arrays(arrays: Mapping[str, Array], stated: Stated, nq: int) -> None:
+    """Raise a ValueError if these are not the arrays of a run with this statement."""
+    n, m1, N = len(stated.actuators), len(stated.major), arrays["time_s"].size
     widths = dict.fromkeys(("desired", "true", "measured"), m1)
     widths |= dict.fromkeys(("inputs", "displacement"), n)
     if PUBLISHED["true"] in arrays:
@@ -150,7 +153,7 @@ def _check_arrays(arrays: Mapping[str, Array], its: Stated, nq: int) -> None:
             got = f"{values.dtype} of shape {values.shape}"
             raise ValueError(f"{name} must be float64 of shape {shape}, got {got}")
         if name.startswith("measured"):
-            values = np.where(np.isnan(values), 0.0, values)  # samples of sensors may be missing
+            values = np.where(np.isnan(values), 0.0, values)  # sensor samples may be missing
         if not np.abs(values).max(initial=0.0) <= LARGEST:
             raise ValueError(f"{name} must be at most {LARGEST:g} everywhere")
     steps_s = np.diff(arrays["time_s"])
@@ -159,34 +162,34 @@ def _check_arrays(arrays: Mapping[str, Array], its: Stated, nq: int) -> None:
 
 
 def _is_of(recording: Path, run: RunView) -> bool:
-    """Whether the true displacements in a recording are the run's, to the bit."""
+    """Return whether the true displacements in a recording equal the run's, to the bit."""
     reader, true = RrdReader(recording), run.arrays["true"]
     for entity in _TRUE:
         chunks = reader.stream().filter(content=entity, is_static=False).to_chunks()
         batches = [chunk.to_record_batch() for chunk in chunks]
         if batches:
-            times = np.concatenate([each.column(TIMELINE).cast("int64") for each in batches])
-            values = [each.column("Scalars:scalars").flatten() for each in batches]
+            times = np.concatenate([batch.column(TIMELINE).cast("int64") for batch in batches])
+            values = [batch.column("Scalars:scalars").flatten() for batch in batches]
             order = np.argsort(times)  # noqa: TID251 - whole numbers, all different
-            shown = np.concatenate(values).reshape(len(times), -1)[order]
+            recorded = np.concatenate(values).reshape(len(times), -1)[order]
             ticks = np.searchsorted(np.rint(1e9 * run.time_s), np.sort(times))
-            return bool(ticks.max() < len(true)) and np.array_equal(shown, 1e6 * true[ticks])
+            return bool(ticks.max() < len(true)) and np.array_equal(recorded, 1e6 * true[ticks])
     return False
 
 
-def _machine_of(path: Path, found: Mapping[str, Any], given: Path | None) -> Path:
-    """The machine file of a run, by what its recording states."""
-    named, sha256 = str(found["model_file"]), found["model_sha256"]
+def _machine_of(path: Path, content: Mapping[str, Any], given: Path | None) -> Path:
+    """Return the machine file of a run with the SHA-256 that its recording states."""
+    name, sha256 = str(content["model_file"]), content["model_sha256"]
     if given is not None:
         if sha256 != model_sha256(check_file(given)):
-            raise WrongInput(f"{path} is a run of another machine; --model FILE draws that")
+            raise WrongInput(f"{path} is a run of another machine: give its file with --model FILE")
         return given
-    candidates: Iterator[Path] = (Path(each) for each in ([named] if named else []))
+    candidates: Iterator[Path] = (Path(file) for file in ([name] if name else []))
     for file in (*candidates, *sorted(MODELS.glob("*.xml"))):
         is_one = file.is_file() and file.stat().st_size <= LARGEST_FILE
         if is_one and model_sha256(file) == sha256:
             return file
     raise WrongInput(
-        f"{path} is a run of another machine, {named or 'which is none of models/'}, and the file "
-        "is not there as it was; --model FILE draws it"
+        f"{path} is a run of another machine, {name or 'none of models/'}, and its file is missing "
+        "or has changed: give it with --model FILE"
     )

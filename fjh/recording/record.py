@@ -1,4 +1,4 @@
-"""A run of any robot on disk: every tick as arrays, and the robot in 3D beside its signals."""
+"""Writer of a run of any robot: arrays of every tick, and a recording in 3D with its signals."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -20,53 +20,53 @@ from fjh.study.files import published, usable_file, write_arrays
 from fjh.study.provenance import version_properties, versions
 from fjh.study.result import Check
 
-FLIGHT = "flight"
-"""The property from which a run is read back: JSON of :class:`.view.Stated`."""
+STATED_PROPERTY = "flight"
+"""Property of a recording from which its run is read back: JSON of :class:`.view.Stated`."""
 
 
 @dataclass(frozen=True)
 class About:
-    """A study's words and numbers on a run, besides what happened in it.
+    """Information of a study on a run, for its recording.
 
     Attributes:
-        study: By whom it was run.
-        identity: Distinguishes the recording for the viewer, as study, name and seed do.
-        title: Of the recording, for people; empty is the robot's name.
-        said: Lines of Markdown: how the run was made, what came out.
+        study: Name of the study.
+        identity: Unique name of the recording in the viewer, such as study, name and seed.
+        title: Title of the recording for people; empty: the robot's name.
+        notes: Lines of Markdown on the conditions of the run and its results.
         parameters: Seed, versions, every constant; units in the names.
         compared: RMS errors of the major rows [urad], [um] to compare with, by their source.
-        predicted: RMS errors of the major rows [rad], [m] by a linear model, until and from the
-            first incident; None where the study predicts none.
-        checks: Of the study.
-        verdict: One sentence; empty is the errors and the controller's status.
+        predicted: RMS errors of the major rows [rad], [m] by a linear model, before and after the
+            first incident; None if the study predicts none.
+        checks: Checks of the study.
+        summary: One sentence; empty: the errors and the controller's status.
     """
 
     study: str
     identity: str
     title: str = ""
-    said: Sequence[str] = ()
+    notes: Sequence[str] = ()
     parameters: Mapping[str, Any] = field(default_factory=dict)
     compared: Mapping[str, Sequence[float | None]] = field(default_factory=dict)
     predicted: tuple[Any, Any] = (None, None)
     checks: Sequence[Check] = ()
-    verdict: str = ""
+    summary: str = ""
 
 
 def record(path: str | Path, rig: Rig, run: Run) -> None:
-    """Write a run as a Rerun recording, and all its ticks beside it.
+    """Write a run as a Rerun recording, and the arrays of all its ticks as an `.npz` file.
 
-    Needs the extra `all`. The recording shows the robot in 3D, its failed actuators marked,
-    its path, errors, inputs and what the diagnosis made of it; `rerun PATH` opens it. The `.npz` of
-    the same name has :attr:`Run.arrays`. Both files appear whole or not at all.
+    Needs the extra `all`. The recording shows the robot in 3D with failed actuators marked, its
+    path, errors, inputs and diagnoses; `rerun PATH` opens it. The `.npz` of the same name has
+    :attr:`Run.arrays`. Either both files are written completely or none.
 
     Args:
-        path: Of the recording, ending in `.rrd`.
+        path: File of the recording, with the suffix `.rrd`.
         rig: The robot.
-        run: What :meth:`Rig.fly` gave.
+        run: Result of :meth:`Rig.fly`.
 
     Raises:
-        OutputError: Another ending, or the files cannot be written; the message says why.
-        TypeError, ValueError: No path, rig or run; or a run of another robot.
+        OutputError: The path has another suffix, or the files cannot be written.
+        TypeError, ValueError: An argument is no path, rig or run, or the run is of another robot.
     """
     file = Path(check.instance("path", path, str, Path))
     nq = check.instance("rig", rig, Rig).model.nq
@@ -74,7 +74,7 @@ def record(path: str | Path, rig: Rig, run: Run) -> None:
         raise ValueError(f"run must be of this rig, of {nq} joint positions, got {run}")
     folder = usable_file(file, ".rrd", option="path")
     parameters = {"control_period_s": rig.period_s} | version_properties({"versions": versions()})
-    about = About("record", file.stem, said=[run.status], parameters=parameters)
+    about = About("record", file.stem, notes=[run.status], parameters=parameters)
     with published(folder, file.with_suffix(".npz").name) as staging:
         write_run(staging / file.name, rig, run, about)
 
@@ -89,17 +89,16 @@ def write_run(
     known: str = "",
     machine_file: Path | None = None,
 ) -> None:
-    """Write the recording of a run, and its arrays beside it, into a folder that is published.
+    """Write the recording of a run and its arrays into the folder of `path`.
 
     Args:
-        path: Of the recording, `.rrd`.
+        path: File of the recording, `.rrd`.
         rig: The robot.
-        run: Of it.
-        about: What the study says of it.
-        arrays: What the `.npz` has: :func:`.hexapod_arrays` and more, or, which None is,
-            `Run.arrays`.
-        known: What else is to be said of each failure, as "known to the mapping".
-        machine_file: As of :func:`.stated_of`.
+        run: Run of the robot.
+        about: Information of the study on the run.
+        arrays: Contents of the `.npz`, such as :func:`.hexapod_arrays`; None: `Run.arrays`.
+        known: Addition to the text of each failure, such as "known to the mapping".
+        machine_file: Machine file as in :func:`.stated_of`.
     """
     arrays = run.arrays if arrays is None else arrays
     stated = stated_of(rig, run, known=known, machine_file=machine_file)
@@ -109,26 +108,26 @@ def write_run(
 
 
 def write_views(path: Path, about: About, runs: Mapping[str, RunView]) -> None:
-    """Write runs side by side, by their names, as one `.rrd` file; `about` is of the first."""
+    """Write runs by name, side by side, as one `.rrd` file; `about` describes the first run."""
     write_scenes(path, info_of(about, next(iter(runs.values()))), scenes_of(runs))
 
 
 def info_of(about: About, run: RunView) -> RecordingInfo:
-    """Notes and properties of the recording of a run; with these it is read back."""
+    """Return notes and properties of the recording of a run, from which it is read back."""
     parameters = {"model_sha256": run.stated.model_sha256} | dict(about.parameters)
     stated = json.dumps(asdict(run.stated), allow_nan=False)
     title = about.title or run.stated.robot
-    notes = "\n".join([f"# {title}", "", *about.said, "", *_tables(about, run)])
+    notes = "\n".join([f"# {title}", "", *about.notes, "", *_tables(about, run)])
     notes = "\n".join([notes, "", *constants(parameters)])
     return RecordingInfo(
-        about.identity, title, notes, parameters | {FLIGHT: stated}, results_of(about, run)
+        about.identity, title, notes, parameters | {STATED_PROPERTY: stated}, results_of(about, run)
     )
 
 
 def _tables(about: About, run: RunView) -> list[str]:
-    """RMS errors and those to compare with, and peaks, in Markdown."""
-    its, (names, secondary) = run.stated, run.secondary
-    heads = [f"{row}, u{unit}" for row, unit in zip(run.rows, its.row_units, strict=True)]
+    """Return tables of RMS errors, with those to compare with, and of peaks, in Markdown."""
+    stated, (names, secondary) = run.stated, run.secondary
+    heads = [f"{row}, u{unit}" for row, unit in zip(run.rows, stated.row_units, strict=True)]
     lines = [_row("RMS error", *heads), _row(*["---"] * (1 + len(heads)))]
     for source, values in {"here": 1e6 * run.rms(), **about.compared}.items():
         lines.append(_row(source, *("" if v is None else f"{v:.4f}" for v in values)))
@@ -136,11 +135,11 @@ def _tables(about: About, run: RunView) -> list[str]:
     for name, peak in zip(names, np.abs(secondary).max(axis=0), strict=True):
         lines.append(_row(name, f"{peak:.3f}"))
     peaks = np.abs(run.arrays["inputs"]).max(axis=0)
-    for unit in dict.fromkeys(its.input_units):
-        own = [k for k, each in enumerate(its.input_units) if each == unit]
-        named = ", ".join(its.actuators[k] for k in own)
-        values = ", ".join(f"{peaks[k]:.{2 if unit == '%' else 6}f}" for k in own)
-        lines.append(_row(f"input of {named} [{unit}]", values))
+    for unit in dict.fromkeys(stated.input_units):
+        columns = [k for k, other in enumerate(stated.input_units) if other == unit]
+        actuators = ", ".join(stated.actuators[k] for k in columns)
+        values = ", ".join(f"{peaks[k]:.{2 if unit == '%' else 6}f}" for k in columns)
+        lines.append(_row(f"input of {actuators} [{unit}]", values))
     if (gap_m := run.arrays["closure_residual_m"]).any():
         lines.append(_row("closure residual [nm]", f"{1e9 * gap_m.max():.2f}"))
     return lines
@@ -151,35 +150,35 @@ def _row(*cells: str) -> str:
 
 
 def results_of(about: About, run: RunView) -> dict[str, Any]:
-    """The results of a run as properties; what it does not have is absent."""
-    its = run.stated
-    texts = [f"{its.text(each)} at {each.time_s:g} s" for each in its.incidents]
-    found: dict[str, Any] = {"study": about.study, "robot": its.robot}
-    found["failures"] = "; ".join(texts) or "none"
+    """Return the results of a run as properties; results that it lacks are absent."""
+    stated = run.stated
+    texts = [f"{stated.text(change)} at {change.time_s:g} s" for change in stated.incidents]
+    properties: dict[str, Any] = {"study": about.study, "robot": stated.robot}
+    properties["failures"] = "; ".join(texts) or "none"
     if run.failures:
         first = run.failures[0]
-        found |= {"actuator": first.actuator, "kind": first.kind, "failed_s": first.time_s}
+        properties |= {"actuator": first.actuator, "kind": first.kind, "failed_s": first.time_s}
         if (diagnosis := run.diagnosis_of(first)) is not None:
-            found["named_s"] = diagnosis.time_s - first.time_s
-            found["named_kind"] = diagnosis.kind
+            properties["named_s"] = diagnosis.time_s - first.time_s
+            properties["named_kind"] = diagnosis.kind
     parts = run.parts
     for when, predicted in zip(("before", "after"), about.predicted, strict=True):
         if when in parts:
-            found |= _by_row(run, f"rms_{when}", run.rms(parts[when]))
-            found |= _by_row(run, f"predicted_rms_{when}", predicted)
-    happened = its.text(its.incidents[0]) if its.incidents else "No failure"
-    errors = f"{happened}: RMS error of {run.rms_text()}."
-    found["verdict"] = about.verdict or f"{errors} {its.status}".strip()
-    return found | {"checks": checked(about.checks)}
+            properties |= _by_row(run, f"rms_{when}", run.rms(parts[when]))
+            properties |= _by_row(run, f"predicted_rms_{when}", predicted)
+    what = stated.text(stated.incidents[0]) if stated.incidents else "No failure"
+    errors = f"{what}: RMS error of {run.rms_text()}."
+    properties["verdict"] = about.summary or f"{errors} {stated.status}".strip()
+    return properties | {"checks": checked(about.checks)}
 
 
 def _by_row(run: RunView, name: str, values: Any) -> dict[str, float]:
-    """One entry a major row; and one of all of them, where they have one unit."""
+    """Return one entry for each major row, and one for all rows if they have the same unit."""
     if values is None or not np.isfinite(values).all():
         return {}
     units = run.stated.row_units
-    named = zip(run.rows, units, values, strict=True)
-    found = {f"{name}_{row.replace(' ', '_')}_{unit}": float(each) for row, unit, each in named}
+    rows = zip(run.rows, units, values, strict=True)
+    entries = {f"{name}_{row.replace(' ', '_')}_{unit}": float(value) for row, unit, value in rows}
     if len(set(units)) == 1:
-        found[f"{name}_{units[0]}"] = float(np.linalg.norm(values))
-    return found
+        entries[f"{name}_{units[0]}"] = float(np.linalg.norm(values))
+    return entries

@@ -1,4 +1,4 @@
-"""Pictures of recordings: Rerun's viewer without a window opens one and goes to a time."""
+"""Pictures of recordings at a given time, from Rerun's viewer without a window."""
 
 import io
 import os
@@ -19,29 +19,31 @@ from rerun.experimental import ViewerClient
 from fjh.recording.file import TIMELINE
 from fjh.study.errors import Unsound, WrongInput
 
-# `ViewerClient.spawn` would listen on all interfaces, print the viewer's log, and fix its size.
+# Not `ViewerClient.spawn`: it listens on all interfaces, prints the log, and has a fixed size.
 VIEWER = Path(str(rerun_cli.__file__)).with_name("rerun")
 DRIVER = next(iter(sorted(Path("/usr/share/vulkan/icd.d").glob("lvp_icd*.json"))), None)
-"""Mesa's Vulkan driver that needs no graphics card, where it is installed."""
+"""Mesa's software driver for Vulkan, which needs no graphics card; None: not installed."""
 
-_LOG = "warn,egui_wgpu=error,re_renderer::context=error"  # both warn of drawing in software
-_BAR, _TIME_PANEL = 36, 30  # rows [px] of a window's buttons, and of the time
-_GREETINGS, _SHOTS = 12, 40  # frames until its notices are gone, and until it must be at rest
+_LOG = "warn,egui_wgpu=error,re_renderer::context=error"  # both warn of software rendering
+_BAR, _TIME_PANEL = 36, 30  # heights [px] of the window's buttons and of the time panel
+_GREETINGS, _SHOTS = 12, 40  # frames until notices disappear, and until the picture must be static
 _PATIENCE_S = 60.0
-_TICK_S = 0.05  # a run of 16 s has its last tick shortly before
-_COLORFUL = 0.7  # difference between largest and least of R, G, B (0..1) of a colour of the palette
+_TICK_S = 0.05  # accepted time after the last tick, which of a 16 s run is shortly before 16 s
+_COLORFUL = 0.7  # difference between largest and least of R, G, B (0..1) of colours of the palette
 
 
 class ViewerError(Unsound):
-    """The viewer does not start, or does not show all of the recording; the message says why."""
+    """Error of the viewer: it does not start, or cannot show the recording completely."""
 
 
 def picture_of(recording: Path, time_s: float | None, size: tuple[int, int]) -> Image.Image:
-    """A recording at a time [s], None its end, in so many pixels: the views on white.
+    """Return a picture of a recording's views on white, of `size` [px].
+
+    The time is in [s]; None: the end of the recording.
 
     Raises:
-        ViewerError: The viewer does not start, gives no answer, or warns.
-        WrongInput: It is no recording, or has no such time.
+        ViewerError: The viewer does not start, does not respond, or warns.
+        WrongInput: The file is no recording, or has no such time.
     """
     with headless_viewer(size) as viewer:
         show(viewer, recording, time_s)
@@ -50,33 +52,33 @@ def picture_of(recording: Path, time_s: float | None, size: tuple[int, int]) -> 
 
 @contextmanager
 def headless_viewer(size: tuple[int, int] = (1600, 900)) -> Iterator[ViewerClient]:
-    """A viewer for this process alone, which ends with the block; its views have so many pixels.
+    """Start a private viewer with views of `size` [px], which ends with the block.
 
-    It draws with Mesa's software renderer where that is installed, so that pictures are the same on
-    every machine; else with the graphics card. A `ViewerError` is raised, wherever in the block,
-    when it dies or gives no answer: without a Vulkan driver, or with too many pixels.
+    If Mesa's software renderer is installed, pictures are the same on every machine; else the
+    viewer uses the graphics card. A `ViewerError` is raised anywhere in the block if the viewer
+    dies or does not respond: without a Vulkan driver, or with too many pixels.
     """
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    words = f"--headless --hide-welcome-screen --bind 127.0.0.1 --port {port}"
-    words += f" --window-size {size[0]}x{size[1] + _BAR + _TIME_PANEL}"
+    arguments = f"--headless --hide-welcome-screen --bind 127.0.0.1 --port {port}"
+    arguments += f" --window-size {size[0]}x{size[1] + _BAR + _TIME_PANEL}"
     with tempfile.TemporaryDirectory(prefix="fjh-viewer-") as home:
-        # In an empty home nobody's settings show.
-        own = {"HOME": home, "XDG_RUNTIME_DIR": home, "RERUN_APP_ONLY": "true", "NO_COLOR": "1"}
-        own |= dict.fromkeys(("VK_DRIVER_FILES", "VK_ICD_FILENAMES"), str(DRIVER)) if DRIVER else {}
+        # An empty home keeps the user's settings of the viewer out.
+        env = {"HOME": home, "XDG_RUNTIME_DIR": home, "RERUN_APP_ONLY": "true", "NO_COLOR": "1"}
+        env |= dict.fromkeys(("VK_DRIVER_FILES", "VK_ICD_FILENAMES"), str(DRIVER)) if DRIVER else {}
         log = Path(home, "log")
         with log.open("w") as output:
             viewer = subprocess.Popen(
-                [VIEWER, *words.split()],
-                env={**os.environ, **own, "RUST_LOG": _LOG},
+                [VIEWER, *arguments.split()],
+                env={**os.environ, **env, "RUST_LOG": _LOG},
                 stdout=output,
                 stderr=subprocess.STDOUT,
-                start_new_session=True,  # Ctrl-C is for us: we end it
+                start_new_session=True,  # Ctrl-C is handled here, where the viewer is ended
             )
         try:
             yield _connected(viewer, port)
-        except OSError as error:  # anywhere in the block: without a driver it dies after connecting
+        except OSError as error:  # without a driver the viewer dies after connecting
             raise ViewerError(_cause(log.read_text(errors="replace"), size, error)) from None
         finally:
             viewer.kill()
@@ -88,46 +90,46 @@ def _connected(viewer: subprocess.Popen, port: int) -> ViewerClient:
     while viewer.poll() is None and time.monotonic() < deadline:
         with suppress(ConnectionError):
             client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
-            for _ in range(_GREETINGS):  # its notices cover views
+            for _ in range(_GREETINGS):  # notices cover views
                 client.take_screenshot()
             return client
         time.sleep(0.1)
-    raise ConnectionError("it does not start")
+    raise ConnectionError("the viewer does not start")
 
 
 def _cause(log: str, size: tuple[int, int], error: OSError) -> str:
-    """Why a viewer of so many pixels gives no answer, in one sentence."""
+    """Return the reason why a viewer of this size does not respond, in one sentence."""
     if re.search("graphics adapter|render context", log):
         return (
             "the viewer needs a Vulkan driver; without a graphics card install Mesa's "
             "(mesa-vulkan-drivers and libvulkan1 on Debian and Ubuntu)"
         )
     reasons = "; ".join([str(error), *log.splitlines()[-1:]])
-    return f"the viewer gives no answer at {size[0]}x{size[1]} pixels: {reasons}"
+    return f"the viewer does not respond at {size[0]}x{size[1]} pixels: {reasons}"
 
 
 def show(viewer: ViewerClient, recording: Path, time_s: float | None) -> None:
-    """Open a recording and go to a time of it [s], None its end; else `WrongInput`."""
+    """Open a recording at a time [s], None: its end; raise `WrongInput` if that is impossible."""
     opened, state = viewer.open(str(recording.absolute())), viewer.get_state()
     if opened.loading or not opened.store_ids:
-        said = complaints(viewer) or ["it is no recording"]
-        raise WrongInput(f"the viewer cannot open {recording}: {said[0].splitlines()[0]}")
-    shown = [one for one in state.recordings if one.store_id == state.active_recording]
-    lines = {line.name: line for one in shown for line in one.timelines}
+        messages = complaints(viewer) or ["it is no recording"]
+        raise WrongInput(f"the viewer cannot open {recording}: {messages[0].splitlines()[0]}")
+    active = [one for one in state.recordings if one.store_id == state.active_recording]
+    lines = {line.name: line for one in active for line in one.timelines}
     line = lines.get(TIMELINE)
     if line is None or line.start is None or line.end is None:
         raise WrongInput(f"{recording} is no recording of fjh: it has no timeline {TIMELINE}")
-    begin_s, end_s = 1e-9 * line.start, 1e-9 * line.end
-    if time_s is not None and not begin_s <= time_s <= end_s + _TICK_S:
+    start_s, end_s = 1e-9 * line.start, 1e-9 * line.end
+    if time_s is not None and not start_s <= time_s <= end_s + _TICK_S:
         raise WrongInput(
-            f"{recording} lasts from {begin_s:g} to {end_s:g} s, time {time_s:g} s is not in it"
+            f"{recording} lasts from {start_s:g} to {end_s:g} s, time {time_s:g} s is not in it"
         )
-    wanted_s = end_s if time_s is None else min(time_s, end_s)
-    viewer.set_time(TIMELINE, duration=wanted_s, play_state="paused")
+    target_s = end_s if time_s is None else min(time_s, end_s)
+    viewer.set_time(TIMELINE, duration=target_s, play_state="paused")
 
 
 def photograph(viewer: ViewerClient) -> bytes:
-    """A PNG of the whole screen at rest; `ViewerError` where it keeps changing, or warns."""
+    """Return a PNG of the static screen; raise `ViewerError` if it keeps changing, or warns."""
     last = b""
     for _ in range(_SHOTS):
         before, last = last, viewer.take_screenshot()
@@ -135,23 +137,23 @@ def photograph(viewer: ViewerClient) -> bytes:
             break
     else:
         raise ViewerError("the viewer's picture does not stop changing")
-    if said := complaints(viewer):
-        raise ViewerError(f"the viewer reports: {' '.join(said[0].split())}")
+    if messages := complaints(viewer):
+        raise ViewerError(f"the viewer reports: {' '.join(messages[0].split())}")
     return last
 
 
 def complaints(viewer: ViewerClient) -> list[str]:
-    """What the viewer logs as warnings or errors, and what its views fail to show."""
+    """Return the viewer's warnings and errors, and the error reports of its views."""
     reports = [str(report) for view in viewer.get_state().views for report in view.reports]
     return reports + [e.message for e in viewer.get_logs() if e.level in ("WARN", "ERROR")]
 
 
 def on_white(png: bytes) -> Image.Image:
-    """The views of a screen with dark and light greys exchanged; colours stay.
+    """Return the views of a screen with dark and light greys exchanged and unchanged colours.
 
-    Without a window the viewer has a dark theme only. A pixel that a line covers in part is a
-    mixture of its colour and the background: the line's share is how colourful the pixel is, and
-    the rest becomes light.
+    Without a window the viewer has only a dark theme. A pixel that a line covers in part mixes its
+    colour and the background: the line's share is the pixel's colourfulness, the background's
+    share becomes light.
     """
     dark = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))[_BAR:-_TIME_PANEL] / 255
     low, high = dark.min(axis=-1, keepdims=True), dark.max(axis=-1, keepdims=True)

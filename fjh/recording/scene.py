@@ -1,4 +1,4 @@
-"""One machine with its plots, curves and events, as it is logged below an entity."""
+"""Scene of a recording: one machine with its plots, curves and events below an entity."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,13 +25,13 @@ from fjh.rig.run import HEALTHY
 from fjh.study.palette import FAILED, GREEN, ORANGE, SKY
 
 _LINES = 1.9
-"""Side of the square over the extent of the curves where the label has three lines."""
+"""Side of the square relative to the extent of the curves, for a label of three lines."""
 _STATES = {HEALTHY: [150] * 3, "free": rgb(ORANGE), "weak": rgb(SKY), "loose": rgb(GREEN)}
-"""Colours of what actuators are, or are taken for; of any other failure that of what has failed."""
+"""Colours of states and diagnoses of actuators; other failures have the colour `FAILED`."""
 FEW = 3
-"""Runs that leave room for the robot next to the plots; of more it has a page of its own."""
-_ROOM, _NARROW = 8.0, 4.0
-"""Ticks for which an axis has room: where the plots have a column, and below the robot."""
+"""Largest number of runs with the robot next to the plots; with more it has its own page."""
+_TICKS, _FEW_TICKS = 8.0, 4.0
+"""Number of ticks that fit along an axis: of plots in their own column, and below the robot."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,10 @@ class Scene:
     """A machine in one condition or run.
 
     Attributes:
-        picture: In 3D.
-        plots: All that is logged.
-        axes: Of those plots that are shown, by entity; the same in all scenes that are compared.
-        plane: Two rows in a plane; None is nothing.
+        picture: The machine in 3D.
+        plots: All logged signals.
+        axes: Axes of the plots with a view, by entity; the same in all compared scenes.
+        plane: Two rows in a plane; None: no such view.
         lines: Events.
         lanes: States of actuators over time, by name.
     """
@@ -56,41 +56,43 @@ class Scene:
 
     @property
     def panels(self) -> list[Plot]:
-        """The plots that are shown."""
+        """Plots with a view."""
         return [plot for plot in self.plots if plot.entity in self.axes]
 
     @property
     def has_events(self) -> bool:
-        """Whether anything happens on the way; what was there from the start is no event."""
-        begin_s = float(self.plots[0].time_s[0]) if self.plots else 0.0
-        return any(line.time_s > begin_s for line in self.lines)
+        """True if there is an event after the start."""
+        start_s = float(self.plots[0].time_s[0]) if self.plots else 0.0
+        return any(line.time_s > start_s for line in self.lines)
 
 
 def scenes_of(runs: Mapping[str, RunView], *, paths: bool = False) -> dict[str, Scene]:
-    """Runs on scales that those of one robot and task have in common.
+    """Return the scenes of runs by name, with common scales for runs of one robot and task.
 
-    One alone has its path in the plane, several have their errors there: their paths are one line,
-    unless `paths` are wanted.
+    The plane shows the path of a single run, and the errors of several runs, whose paths would
+    coincide; with `paths` it always shows paths.
     """
-    scenes, room = {}, _NARROW if 1 < len(runs) <= FEW else _ROOM
+    scenes, ticks = {}, _FEW_TICKS if 1 < len(runs) <= FEW else _TICKS
     for name, run in runs.items():
-        alike = [other for other in runs.values() if other.scales == run.scales]
-        axes = axes_of([plot for other in alike for plot in other.panels], room)
+        comparable = [one for one in runs.values() if one.scales == run.scales]
+        axes = axes_of([plot for other in comparable for plot in other.panels], ticks)
         plane = None
-        if len(run.drawn) > 1:
-            plane = (_path if paths or len(runs) == 1 else _errors)(run, alike)
-        scenes[name] = Scene(_picture(run, alike), run.signals, axes, plane, run.lines, run.lanes)
+        if len(run.plane_columns) > 1:
+            plane = (_path if paths or len(runs) == 1 else _errors)(run, comparable)
+        scenes[name] = Scene(
+            _picture(run, comparable), run.signals, axes, plane, run.lines, run.lanes
+        )
     return scenes
 
 
-def axes_of(plots: Sequence[Plot], room: float = _NARROW) -> dict[str, Range]:
-    """The axes of plots, of one entity the same; of what is constant in all of them, none."""
+def axes_of(plots: Sequence[Plot], ticks: float = _FEW_TICKS) -> dict[str, Range]:
+    """Return an axis for each entity of plots; none if all its plots are constant."""
     axes = {}
     for entity in dict.fromkeys(plot.entity for plot in plots):
-        alike = [plot for plot in plots if plot.entity == entity]
-        if not all(plot.is_constant for plot in alike):
-            lows, highs = zip(*(plot.range for plot in alike), strict=True)
-            axes[entity] = axis_of(min(lows), max(highs), room)
+        comparable = [plot for plot in plots if plot.entity == entity]
+        if not all(plot.is_constant for plot in comparable):
+            lows, highs = zip(*(plot.range for plot in comparable), strict=True)
+            axes[entity] = axis_of(min(lows), max(highs), ticks)
     return axes
 
 
@@ -104,33 +106,32 @@ def condition_scene(
     nominal: Array | None = None,
     failing: Sequence[Failing] = (),
 ) -> Scene:
-    """A mechanism in one condition, moving as it is told, at evenly spaced times (N,).
+    """Return the scene of a mechanism in one condition that moves along given joint positions.
 
     Args:
-        model: Of the mechanism.
-        time_s: (N,).
+        model: Model of the mechanism.
+        time_s: Evenly spaced times (N,).
         qpos: Positions of all its joints, (N, nq).
-        plots: Those that are not constant are shown.
-        plane: Of its task.
-        nominal: The pose (nq,) about which motion too small to be seen is magnified; None is
-            `qpos0`.
-        failing: What has failed.
+        plots: Signals; those that are not constant have a view.
+        plane: Two rows of its task in a plane.
+        nominal: Pose (nq,) about which small motion is magnified; None: `qpos0`.
+        failing: Bodies and labels of failed actuators.
     """
-    rest = motion_of(model, (model.qpos0 if nominal is None else nominal)[None])
+    origin = motion_of(model, (model.qpos0 if nominal is None else nominal)[None])
     at = stills(time_s)
     motion = motion_of(model, qpos[at])
-    factor = magnification(*displacement(motion, rest))
-    picture = Picture(model, time_s[at], magnified(motion, rest, factor), factor, failing)
+    factor = magnification(*displacement(motion, origin))
+    picture = Picture(model, time_s[at], magnified(motion, origin, factor), factor, failing)
     return Scene(picture, plots, axes_of(plots), plane)
 
 
-def _picture(run: RunView, alike: Sequence[RunView]) -> Picture:
-    factor, at = min(other.factor for other in alike), stills(run.time_s)
-    inputs, colors, words = run.arrays["inputs"], {}, ""
+def _picture(run: RunView, comparable: Sequence[RunView]) -> Picture:
+    factor, at = min(other.factor for other in comparable), stills(run.time_s)
+    inputs, colors, note = run.arrays["inputs"], {}, ""
     if run.stated.hexapod:
-        most = max(np.abs(other.arrays["inputs"]).max() for other in alike)
+        most = max(np.abs(other.arrays["inputs"]).max() for other in comparable)
         full = float(max(1.0, np.ceil(most)))
-        words = f"inputs -{full:g} % blue, +{full:g} % red"
+        note = f"inputs -{full:g} % blue, +{full:g} % red"
         for names, load in zip(run.stated.bodies, inputs[at].T, strict=True):
             colors |= dict.fromkeys(names, load_colors(load, full))
     return Picture(
@@ -141,30 +142,32 @@ def _picture(run: RunView, alike: Sequence[RunView]) -> Picture:
         run.failing,
         colors,
         FIXTURES if run.stated.hexapod else {},
-        words,
+        note,
     )
 
 
-def _path(run: RunView, alike: Sequence[RunView]) -> Plane:
-    columns, unit = run.drawn[:2], f"u{run.stated.row_units[0]}"
+def _path(run: RunView, comparable: Sequence[RunView]) -> Plane:
+    columns, unit = run.plane_columns[:2], f"u{run.stated.row_units[0]}"
     desired, true = (1e6 * run.arrays[name][:, columns] for name in ("desired", "true"))
     right, up = (run.rows[k] for k in columns)
     title = f"Path: {up} over {right}; desired orange, true blue"
-    curves = [1e6 * each.arrays[name][:, columns] for each in alike for name in ("desired", "true")]
+    curves = [
+        1e6 * one.arrays[name][:, columns] for one in comparable for name in ("desired", "true")
+    ]
     return Plane(title, (right, up), unit, desired, true, np.concatenate(curves))
 
 
-def _errors(run: RunView, alike: Sequence[RunView]) -> Plane:
-    columns, unit = run.drawn[:2], f"u{run.stated.row_units[0]}"
-    errors = [1e6 * each.error[:, columns] for each in (run, *alike)]
+def _errors(run: RunView, comparable: Sequence[RunView]) -> Plane:
+    columns, unit = run.plane_columns[:2], f"u{run.stated.row_units[0]}"
+    errors = [1e6 * one.error[:, columns] for one in (run, *comparable)]
     right, up = (run.rows[k] for k in columns)
     names, zero = (right, f"{up} error"), np.zeros_like(errors[0])
-    within, note = np.concatenate(errors), f"RMS {run.rms_text()}"
-    return Plane("Error", names, unit, zero, errors[0], within, _LINES, note)
+    enclosed, note = np.concatenate(errors), f"RMS {run.rms_text()}"
+    return Plane("Error", names, unit, zero, errors[0], enclosed, _LINES, note)
 
 
 def log_scene(recording: rr.RecordingStream, under: str, scene: Scene, name: str = "") -> None:
-    """Log a scene below an entity; of several scenes the name is in the list of events."""
+    """Log a scene below an entity; the list of events has its name if there are several scenes."""
     log_machine(recording, f"{under}machine", scene.picture)
     for plot in scene.plots:
         log_plot(recording, plot, under)

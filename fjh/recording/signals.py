@@ -1,4 +1,4 @@
-"""Signals over time with their events, and the axes on which they are seen."""
+"""Signals over time, with their events, axes and views."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from fjh.recording.file import at_most, log_series, time_column
 from fjh.study.palette import FAILED
 
 SIGNALS_HZ = 200
-"""Rate of signals over time; every value is a copy of one of the run's."""
+"""Rate [Hz] of logged signals; they are samples of the run's, without interpolation."""
 _LIMIT = "#787878"
 _FLAT = 1e-9
 
@@ -21,7 +21,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Line:
-    """An event, drawn as a vertical line in every plot."""
+    """An event, plotted as a vertical line in every plot."""
 
     time_s: float
     name: str
@@ -30,18 +30,18 @@ class Line:
 
 @dataclass(frozen=True)
 class Plot:
-    """k lines over time (T,), values (T, k): where in the recording, and a title for people.
+    """Plot of k lines over time, with its entity in the recording and its title.
 
     Attributes:
-        entity: Where it is logged.
-        title: Of its view.
-        names: Of the lines, with units.
-        time_s: (T,).
-        values: (T, k).
+        entity: Entity of the recording.
+        title: Title of the view.
+        names: Names of the lines, with units.
+        time_s: Times (T,).
+        values: Values (T, k).
         levels: Limits of the values.
-        failed: Columns that are drawn thick, each from a time on.
-        note: Of the title, where there is room.
-        flat: What changes by less, in its unit or of its size, is constant.
+        failed: Columns of failed actuators and their onsets [s], from which lines are thick.
+        note: Addition to the title of a wide view.
+        flat: Largest change, in the unit or relative to the size, of a constant signal.
     """
 
     entity: str
@@ -56,49 +56,49 @@ class Plot:
 
     @property
     def is_constant(self) -> bool:
-        """Whether there is nothing to see."""
+        """True if no value changes by more than `flat`."""
         changes = np.ptp(self.values, axis=0)
         sizes = np.maximum(1.0, np.abs(self.values).max(axis=0))
         return bool((changes <= self.flat * sizes).all())
 
     @property
     def range(self) -> Range:
-        """Least and largest of the values, and of the limits that are not far from them."""
+        """Least and largest of the values and of the limits near them."""
         low, high = float(self.values.min()), float(self.values.max())
         near = [level for level in self.levels if 2 * low - high <= level <= 2 * high - low]
         return min([low, *near]), max([high, *near])
 
 
 def log_plot(recording: rr.RecordingStream, plot: Plot, under: str = "") -> None:
-    """Log the lines of a plot, as float64, their entity below another."""
+    """Log the lines of a plot as float64; its entity is below `under`."""
     every, entity = at_most(SIGNALS_HZ, plot.time_s), f"{under}{plot.entity}"
     time_s, values = plot.time_s[every], plot.values[every]
     log_series(recording, time_column(time_s), entity, plot.names, values)
     for column, since_s in plot.failed:
-        within, name = time_s >= since_s - 1e-9, f"{plot.names[column]}, failed"
+        since, name = time_s >= since_s - 1e-9, f"{plot.names[column]}, failed"
         thick, where = {"color": FAILED, "width": 3.0}, f"{entity}/failed_{column}"
-        times = time_column(time_s[within])
-        log_series(recording, times, where, [name], values[within, column], **thick)
+        times = time_column(time_s[since])
+        log_series(recording, times, where, [name], values[since, column], **thick)
 
 
 def log_lines(
     recording: rr.RecordingStream, plot: Plot, lines: Sequence[Line], axis: Range, under: str
 ) -> None:
-    """Log events as vertical lines over the axis of a plot, and the limits within it."""
+    """Log events as vertical lines over the axis of a plot, and limits as horizontal ones."""
     entity, (low, high) = f"{under}{plot.entity}", axis
-    begin_s, end_s = plot.time_s[[0, -1]]
-    within = [line for line in lines if begin_s < line.time_s <= end_s]
-    colors = sorted({line.color for line in within})
+    start_s, end_s = plot.time_s[[0, -1]]
+    visible = [line for line in lines if start_s < line.time_s <= end_s]
+    colors = sorted({line.color for line in visible})
     for number, color in enumerate(colors):
-        first, *more = [line for line in within if line.color == color]
+        first, *more = [line for line in visible if line.color == color]
         name = f"{first.name} and {len(more)} more" if more else first.name
         times = time_column(np.repeat([line.time_s for line in (first, *more)], 3))
-        values = np.tile([low, high, np.nan], 1 + len(more))  # with a gap after each
+        values = np.tile([low, high, np.nan], 1 + len(more))  # NaN: a gap between lines
         where = f"{entity}/event_{number}"
         log_series(recording, times, where, [name], values, color=color, width=1.0)
     levels = sorted({level for level in plot.levels if low <= level <= high})
     if levels:
-        times, values = time_column(np.array([begin_s, end_s])), np.tile(levels, (2, 1))
+        times, values = time_column(np.array([start_s, end_s])), np.tile(levels, (2, 1))
         names = ["limit"] * len(levels)
         log_series(recording, times, f"{entity}/limits", names, values, color=_LIMIT, width=1.5)
 
@@ -106,28 +106,28 @@ def log_lines(
 def plot_view(
     plot: Plot, axis: Range, under: str = "", *, legend: bool = True, is_wide: bool = True
 ) -> rrb.TimeSeriesView:
-    """A view of a plot with this axis; where there is room its title states the range of values."""
+    """Return a view of a plot with this axis; if it is wide, its title has the range of values."""
     low, high = plot.range
-    words = [plot.title, f"{low:.3g} to {high:.3g}", plot.note] if is_wide else [plot.title]
+    parts = [plot.title, f"{low:.3g} to {high:.3g}", plot.note] if is_wide else [plot.title]
     times = [rrb.TimeRangeBoundary.absolute(seconds=float(t)) for t in plot.time_s[[0, -1]]]
     return rrb.TimeSeriesView(
         origin=f"{under}{plot.entity}",
-        name=", ".join(filter(None, words)),
+        name=", ".join(filter(None, parts)),
         axis_x=rrb.archetypes.TimeAxis(view_range=rr.TimeRange(*times)),
         axis_y=rrb.ScalarAxis(range=axis),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
     )
 
 
-def axis_of(low: float, high: float, room: float) -> Range:
-    """The axis that holds these values and three ticks at least, with room for so many.
+def axis_of(low: float, high: float, ticks: float) -> Range:
+    """Return an axis that contains these values and at least three ticks, if `ticks` fit on it.
 
     The viewer puts ticks at multiples of powers of ten.
     """
     span = max(high - low, 1e-12, 1e-9 * abs(high))
-    step = 10.0 ** np.ceil(np.log10(span / room) - 1e-9)
+    step = 10.0 ** np.ceil(np.log10(span / ticks) - 1e-9)
     first, last = np.ceil(low / step), np.floor(high / step)
-    for _ in range(max(0, round(2 - (last - first)))):  # towards the value that is nearer
+    for _ in range(max(0, round(2 - (last - first)))):  # extend to the nearer side
         up = (last + 1) * step - high <= low - (first - 1) * step or low >= 0 >= first
         first, last = (first, last + 1) if up else (first - 1, last)
     low, high = min(low, first * step), max(high, last * step)

@@ -11,7 +11,7 @@ from argument_checks.ties import greatest
 from fjh.rig.options import COST_PART, DITHER_SIZE
 from fjh.rig.units import by_unit
 from fjh.study.errors import WrongInput
-from fjh.study.spelling import nearest
+from fjh.study.input_checks import nearest
 from ftc.fdi import (
     DEFAULT_CONFIG,
     Cost,

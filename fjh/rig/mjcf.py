@@ -12,7 +12,7 @@ from fjh.rig.rig import Rig
 from fjh.rig.robot import Robot, robot_of, warnings_of
 from fjh.rig.robot_machine import RobotMachine
 from fjh.study.errors import WrongInput
-from fjh.study.spelling import check_file
+from fjh.study.input_checks import check_file
 from ftc import ControlTask, DirectDrive, TaskLost, Tracking, tracking
 from sim import Array, Plant, Pose
 from sim.mjcf import located, names_of

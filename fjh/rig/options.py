@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal, get_args
 from fjh.rig.units import ROW_NAMES, ROWS
 from fjh.rig.within import check_within
 from fjh.study.errors import WrongInput
+from fjh.study.input_checks import short
 from fjh.study.option import Option
-from fjh.study.spelling import short
 
 Sensing = Literal["task", "joints", "both"]
 """Sensors: of the task frame; encoders of the actuators with forward kinematics; or both."""

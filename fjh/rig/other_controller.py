@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from fjh.rig.rig import Rig
 from fjh.rig.run import Run
 from fjh.study.errors import WrongInput
-from fjh.study.spelling import nearest
+from fjh.study.input_checks import nearest
 from ftc import GuardedController
 
 

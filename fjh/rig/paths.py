@@ -7,8 +7,8 @@ import numpy as np
 import argument_checks as check
 from fjh.rig.hexapod.trajectory import spiral
 from fjh.study.errors import WrongInput
-from fjh.study.foreign import read_arrays
-from fjh.study.spelling import nearest
+from fjh.study.input_checks import nearest
+from fjh.study.untrusted_files import read_arrays
 from sim import Array
 
 PATHS = ("spiral", "circle", "steps")

@@ -28,7 +28,7 @@ from fjh.rig.prediction import InformedAt, Prediction, predicted
 from fjh.rig.run import Run, simulate, tick_of
 from fjh.rig.units import ROWS
 from fjh.study.errors import WrongInput
-from fjh.study.spelling import nearest
+from fjh.study.input_checks import nearest
 from ftc import (
     ControlTask,
     Goal,

@@ -12,7 +12,7 @@ import numpy as np
 import argument_checks as check
 from fjh.rig.options import RobotOptions
 from fjh.study.errors import WrongInput
-from fjh.study.spelling import nearest
+from fjh.study.input_checks import nearest
 from ftc import Goal, Unused, is_possible, mapping_for
 from prioritized import ConstrainedSystem
 from sim import Array, ClosureError, LinearPlant, Mechanism, ModelError, Pin, Plant

@@ -1,1 +1,1 @@
-"""No robot in it: studies and results, tables, files, figures, recordings, the terminal."""
+"""Infrastructure of studies, independent of robots: options, results, files, figures, workers."""

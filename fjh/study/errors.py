@@ -1,17 +1,17 @@
-"""What ends a command: each kind has one sentence and an exit code."""
+"""Exceptions that end a command with one sentence and an exit code."""
 
 
 class WrongInput(Exception):
-    """The command cannot do what it is asked to; the message says why."""
+    """The input of a command is invalid; the message states the reason."""
 
 
 class OutputError(Exception):
-    """The output folder cannot be used; the message says why."""
+    """The output folder cannot be used; the message states the reason."""
 
 
 class Interrupted(Exception):
-    """Ctrl-C, by a command that has more to say of it than all others."""
+    """Ctrl-C in a command with its own message on the interruption."""
 
 
 class Unsound(Exception):
-    """The run ended, but its numbers cannot be trusted."""
+    """The run ended, but its numbers are not valid."""

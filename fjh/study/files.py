@@ -1,4 +1,4 @@
-"""Results on disk: a set of files appears whole or not at all."""
+"""Result files: a set of files is published completely or not at all."""
 
 import json
 import os
@@ -14,20 +14,20 @@ from filelock import FileLock, Timeout
 from fjh.study.errors import OutputError, WrongInput
 from fjh.study.interrupts import uninterrupted
 
-if TYPE_CHECKING:  # the help text does not wait for NumPy's import
+if TYPE_CHECKING:  # the help text must not depend on the slow import of NumPy
     from numpy.typing import NDArray
 
 LOCK, STAGING = ".fjh.lock", ".fjh-staging-"
 
 UNFINISHED = "unfinished.jsonl"
-"""Rows of finished runs, until all are published (experiments.study)."""
+"""Name of the file with the rows of finished runs until all are published (experiments.study)."""
 
 
 def usable_folder(path: Path, option: str = "--out") -> Path:
-    """The folder itself, if it exists or can be made; to be called before any work is done.
+    """Return the folder if it exists or can be made; call this before any work is done.
 
     Raises:
-        OutputError: It is a file, lies below one, is not writable, or is no path at all.
+        OutputError: The path is a file, lies below one, is not writable, or is invalid.
     """
     here = path.absolute()
     nearest = next(place for place in (here, *here.parents) if os.path.lexists(place))
@@ -38,17 +38,17 @@ def usable_folder(path: Path, option: str = "--out") -> Path:
     try:
         here.lstat()
     except FileNotFoundError:
-        pass  # it will be made
+        pass  # it can be made
     except OSError as error:
         raise OutputError(f"{option} {path} cannot be made: {error.strerror}") from None
     return path
 
 
 def usable_file(path: Path, suffix: str, option: str = "--out") -> Path:
-    """The folder of a file of this ending, if it can be written there.
+    """Return the folder of a file with this suffix, if files can be written there.
 
     Raises:
-        OutputError: It has another ending, or its folder cannot be used.
+        OutputError: The file has another suffix, or its folder cannot be used.
     """
     if path.suffix != suffix:
         raise OutputError(f"{option} {path} must end in {suffix}")
@@ -56,8 +56,8 @@ def usable_file(path: Path, suffix: str, option: str = "--out") -> Path:
 
 
 @contextmanager
-def made(folder: Path) -> Iterator[None]:
-    """Make the folder and those above it; on leaving, those of them that are empty are removed."""
+def created_folder(folder: Path) -> Iterator[None]:
+    """Make a folder and its parents; on leaving, remove those made that are empty."""
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -70,43 +70,46 @@ def made(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Keep other studies out of a folder; the system takes the lock back however this one ends.
+    """Lock a folder against other studies; the system releases the lock when the process ends.
 
     Raises:
-        WrongInput: Another study is at work there.
-        OutputError: The disk or the folder refuses.
+        WrongInput: Another study uses the folder.
+        OutputError: The folder cannot be written.
     """
-    with ExitStack() as held:
+    with ExitStack() as at_exit:
         try:
-            held.enter_context(made(folder))
-            held.enter_context(FileLock(folder / LOCK, timeout=0))
+            at_exit.enter_context(created_folder(folder))
+            at_exit.enter_context(FileLock(folder / LOCK, timeout=0))
         except Timeout:
             raise WrongInput(f"{folder} is in use by another study: wait for its end") from None
         except OSError as error:
             reason = error.strerror or str(error)
             raise OutputError(f"{folder} could not be written: {reason}") from None
-        held.callback((folder / LOCK).unlink, missing_ok=True)
-        for left in folder.glob(f"{STAGING}*"):  # by a study that was killed
-            shutil.rmtree(left, ignore_errors=True)
+        at_exit.callback((folder / LOCK).unlink, missing_ok=True)
+        for remnant in folder.glob(f"{STAGING}*"):  # of a study that was killed
+            shutil.rmtree(remnant, ignore_errors=True)
         yield
 
 
 @contextmanager
 def published(folder: Path, index: str) -> Iterator[Path]:
-    """A temporary folder to write into; at the end of the block its files move to `folder`.
+    """Provide a temporary folder; at the end of the block move its files to `folder`.
 
-    After an error they are deleted. The folder is made if need be; files of the same names are
-    replaced, and files that the former index lists as `files` and the new set has not are removed.
-    No other file is touched. The index, which names the others, is removed first and moved last:
-    where it is, all files that it lists are.
+    After an error they are deleted. The folder is made if necessary; files of the same names are
+    replaced, and files that the former index lists as `files` and the new set lacks are removed.
+    No other file is touched. The index, which lists the others, is removed first and moved last:
+    if it is present, all files that it lists are.
 
     Raises:
-        OutputError: The disk or the folder refuses; what was there before is still whole.
+        OutputError: The folder cannot be written; its former contents are still complete.
     """
     try:
-        with made(folder), tempfile.TemporaryDirectory(dir=folder, prefix=STAGING) as staging:
+        with (
+            created_folder(folder),
+            tempfile.TemporaryDirectory(dir=folder, prefix=STAGING) as staging,
+        ):
             yield Path(staging)
-            with uninterrupted():  # all of them, or none
+            with uninterrupted():  # an interruption must not split the set
                 _move_all(Path(staging), folder, index)
     except OSError as error:
         reason = error.strerror or str(error)
@@ -114,17 +117,17 @@ def published(folder: Path, index: str) -> Iterator[Path]:
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write JSON; NaN is refused, since JSON has none."""
+    """Write JSON; raise `ValueError` for NaN and infinity."""
     path.write_text(json_text(content), encoding="utf-8")
 
 
 def json_text(content: dict[str, Any]) -> str:
-    """Content as indented JSON; `ValueError` for NaN and infinity, which JSON does not have."""
+    """Return content as indented JSON; raise `ValueError` for NaN and infinity."""
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
 def write_index(path: Path, summary: dict[str, Any]) -> dict[str, Any]:
-    """What is written as the last file of a set: the summary, and as `files` the names of all."""
+    """Write the index of a set of files: the summary and `files`, the names of all; return it."""
     files = sorted({path.name, *(file.name for file in path.parent.iterdir())})
     content = summary | {"files": files}
     write_json(path, content)
@@ -152,7 +155,7 @@ def _move_all(staging: Path, folder: Path, index: str) -> None:
 
 
 def _listed(index: Path) -> set[str]:
-    """Files beside an index that it lists; none if it is missing or of another program."""
+    """Return the files that an index lists; none if it is missing or of another program."""
     try:
         names = json.loads(index.read_bytes())["files"]
         plain = {name for name in names if Path(name).name == name}

@@ -1,6 +1,6 @@
-"""What Ctrl-C and the signals to end and to hang up do: one sentence and an exit code.
+"""Handling of Ctrl-C, SIGTERM and SIGHUP: one sentence and an exit code.
 
-Nothing but the standard library, and little of it: this is ready before any package is imported.
+Only a small part of the standard library is imported, so that handlers exist before slow imports.
 """
 
 import os
@@ -17,50 +17,50 @@ INTERRUPTION = "interrupted: no file was left half-written"
 _LONGEST = 2000
 
 _TWICE_S = 2.0
-"""Terminals and `timeout` send a signal twice; a person who sends another later means it."""
+"""Time [s] in which a second signal is ignored: terminals and `timeout` send a signal twice."""
 
-_came: list[tuple[int, float]] = []
-"""The signal that ends this process, and when it came."""
+_received: list[tuple[int, float]] = []
+"""The signal that ends this process, and its time [s]; empty before it."""
 
 
 def interrupted() -> int:
-    """The exit code of the signal that has come, 130 of Ctrl-C; 0 if none has."""
-    return 128 + _came[0][0] if _came else 0
+    """Return the exit code of the received signal, 130 for Ctrl-C; 0 if there is none."""
+    return 128 + _received[0][0] if _received else 0
 
 
 def printable(text: str) -> str:
-    """The text without what would command a terminal, on one line: it may be anybody's."""
+    """Return untrusted text on one line, with escaped control characters."""
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def notice(sentence: str) -> None:
-    """Print a sentence on standard error, on one line; what it quotes may be anybody's."""
+    """Print a sentence on one line of standard error; quoted text may be untrusted."""
     short = sentence if len(sentence) <= _LONGEST else f"{sentence[: _LONGEST - 3]}..."
-    with suppress(OSError):  # the terminal may have gone
+    with suppress(OSError):  # the terminal may be closed
         print(f"fjh: {printable(short)}", file=sys.stderr, flush=True)
 
 
 def exit_on_interrupt() -> None:
-    """From now on a signal ends the process with one sentence: for the time of the imports.
+    """Let signals end the process with one sentence; call this before imports.
 
-    An exception in the middle of an import comes out as whatever the package makes of it. A signal
-    that this process ignores, as workers and `nohup` do, it goes on ignoring.
+    A KeyboardInterrupt during an import could be caught or converted by the imported package.
+    Signals that this process ignores, as under `nohup` and in workers, remain ignored.
     """
-    for each in SIGNALS:
-        if signal.getsignal(each) in (signal.SIG_DFL, signal.default_int_handler):
-            signal.signal(each, _exit)
+    for number in SIGNALS:
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(number, _exit)
 
 
 def raise_on_interrupt() -> None:
-    """From now on a signal is a KeyboardInterrupt: there are workers to end and files to remove."""
-    for each in SIGNALS:
-        if signal.getsignal(each) is _exit:
-            signal.signal(each, _raise)
+    """Let signals raise KeyboardInterrupt, so that workers are ended and files removed."""
+    for number in SIGNALS:
+        if signal.getsignal(number) is _exit:
+            signal.signal(number, _raise)
 
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Hold signals back until the end of the block, and from processes that are started in it."""
+    """Block signals until the end of the block, also in processes that are started in it."""
     former = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         yield
@@ -74,8 +74,8 @@ def _exit(number: int, _frame: FrameType | None) -> None:
 
 
 def _raise(number: int, frame: FrameType | None) -> None:
-    if not _came:
-        _came.append((number, time.monotonic()))
+    if not _received:
+        _received.append((number, time.monotonic()))
         raise KeyboardInterrupt
-    if time.monotonic() > _came[0][1] + _TWICE_S:
+    if time.monotonic() > _received[0][1] + _TWICE_S:
         _exit(number, frame)

@@ -1,4 +1,4 @@
-"""What the command line says of a study's parameters; nothing but the standard library."""
+"""Description of a study's parameters for the command line; standard library only."""
 
 import inspect
 from collections.abc import Callable, Mapping
@@ -6,17 +6,17 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Annotated, Any, get_args, get_origin
 
 OnProgress = Callable[[int, int], None]
-"""To be called with the finished and total steps of some work."""
-GIVEN = ("folder", "on_progress")
-"""Parameters of studies that are no options."""
+"""Callback for progress, called with the finished and the total number of steps."""
+NOT_OPTIONS = ("folder", "on_progress")
+"""Parameters of studies that are not options of the command."""
 
 Study = Callable[..., Any]
-"""A function that returns a :class:`fjh.study.result.Result`; its name is the command's,
-its docstring the help text: a line on what it does; what and how long; which files; an example.
+"""Function that returns a :class:`fjh.study.result.Result`; its name is that of the command,
+its docstring the help text: one line on its purpose; details and duration; files; an example.
 
-It takes its options by keyword, `on_progress`, and `folder` if it keeps rows there. A parameter is
-described by an :class:`Option` as its annotation; a tuple is given as text with commas between, and
-a parameter that is a dataclass by its fields.
+Parameters are options by keyword, `on_progress`, and `folder` if rows are saved there. Each option
+is described by an :class:`Option` in its annotation. A tuple is given as text with commas; a
+parameter that is a dataclass stands for options of its fields.
 """
 
 
@@ -25,11 +25,11 @@ class Option:
     """Description of a parameter: `Annotated[float, Option("Of the run, in seconds.", "S")]`.
 
     Attributes:
-        help: Its line in the help text.
-        metavar: Stands for the value there; None: its type.
-        positional: Whether it has no name on the command line.
+        help: Line in the help text.
+        metavar: Placeholder of the value in the help text; None: its type.
+        positional: Whether the option has no name on the command line.
         bounds: Least and largest value of a number.
-        listed: Whether the help text has it; of a dataclass, whether it has its fields.
+        listed: Whether the help text lists the option, or the fields of a dataclass.
     """
 
     help: str
@@ -40,15 +40,17 @@ class Option:
 
 
 def seed_of(what: str) -> Option:
-    """The option of a study's seed."""
+    """Return the option of a study's seed."""
     return Option(f"Seed of {what}.", "N", bounds=(0, 2**32 - 1))
 
 
 def described(name: str, annotation: Any, default: Any) -> inspect.Parameter:
-    """A parameter whose annotation is `Annotated[kind, Option]`; an empty description if it is not.
+    """Return a keyword-only parameter with the annotation `Annotated[kind, Option]`.
+
+    Without an Option in `annotation` the description is empty.
 
     Raises:
-        TypeError: Another annotation stands there.
+        TypeError: The annotation is `Annotated` with another object.
     """
     if get_origin(annotation) is not Annotated:
         annotation = Annotated[annotation, Option("")]
@@ -60,19 +62,19 @@ def described(name: str, annotation: Any, default: Any) -> inspect.Parameter:
 
 
 def options_of(study: Study) -> list[inspect.Parameter]:
-    """The options of a study, those of dataclasses among them, as :func:`described`."""
-    found = []
-    for each in inspect.signature(study).parameters.values():
-        if each.name in GIVEN:
+    """Return the options of a study as :func:`described` does, with those of dataclass fields."""
+    options = []
+    for argument in inspect.signature(study).parameters.values():
+        if argument.name in NOT_OPTIONS:
             continue
-        parameter = described(each.name, each.annotation, each.default)
+        parameter = described(argument.name, argument.annotation, argument.default)
         kind, option = get_args(parameter.annotation)
         if is_dataclass(kind):
-            own = [described(one.name, one.type, one.default) for one in fields(kind)]
-            found += own if option.listed else map(_unlisted, own)
+            members = [described(one.name, one.type, one.default) for one in fields(kind)]
+            options += members if option.listed else map(_unlisted, members)
         else:
-            found.append(parameter)
-    return found
+            options.append(parameter)
+    return options
 
 
 def _unlisted(parameter: inspect.Parameter) -> inspect.Parameter:
@@ -80,25 +82,25 @@ def _unlisted(parameter: inspect.Parameter) -> inspect.Parameter:
     return parameter.replace(annotation=Annotated[kind, replace(option, listed=False)])
 
 
-def words_of(study: Study, given: Mapping[str, Any]) -> list[str]:
-    """The words of options on the command line; those that are as by default are left out.
+def command_arguments(study: Study, values: Mapping[str, Any]) -> list[str]:
+    """Return the command-line arguments for values of options, without those at their default.
 
     Args:
-        study: Its function.
-        given: Values of options by name; others are ignored.
+        study: Function of the study.
+        values: Values by name; names that are no options are ignored.
     """
-    words, flags = list[str](), list[str]()
+    positional, flags = list[str](), list[str]()
     for option in options_of(study):
-        value = given.get(option.name, option.default)
+        value = values.get(option.name, option.default)
         if value == option.default:
             continue
         flag = f"--{option.name.replace('_', '-')}"
         if value is True:
             flags.append(flag)
         elif isinstance(value, list):
-            flags += [word for each in value for word in (flag, str(each))]
+            flags += [text for entry in value for text in (flag, str(entry))]
         elif get_args(option.annotation)[1].positional:
-            words.append(str(value))
+            positional.append(str(value))
         else:
             flags += [flag, ",".join(map(str, value)) if isinstance(value, tuple) else str(value)]
-    return [*words, *flags]
+    return [*positional, *flags]

@@ -1,24 +1,24 @@
-"""A self-contained HTML page from a template: one style, figures inside, everything escaped."""
+"""Self-contained HTML pages from templates: one style, embedded figures, escaped content."""
 
 import base64
 from pathlib import Path
 from typing import Any
 
 STYLE = "fjh.study"
-"""Where `page.html.j2` and `parts.html.j2` lie."""
+"""Package of the templates `page.html.j2` and `parts.html.j2`."""
 
 
 def rendered(package: str, template: str, **content: Any) -> str:
-    """The HTML of a template that lies in a package.
+    """Return the HTML of a template of a package.
 
-    It may extend `page.html.j2` and take macros from `parts.html.j2`, which lie beside this file,
-    and knows `data_uri` besides its content; any other name is an error.
+    The template may extend `page.html.j2` and import macros from `parts.html.j2` (in `fjh.study`).
+    Its names are `content` and `data_uri`; any other name is an error.
     """
-    # Late: the help text does not wait for the import.
+    # Late: the help text must not depend on the slow import.
     from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
-        loader=ChoiceLoader([PackageLoader(each, ".") for each in (package, STYLE)]),
+        loader=ChoiceLoader([PackageLoader(name, ".") for name in (package, STYLE)]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -28,11 +28,11 @@ def rendered(package: str, template: str, **content: Any) -> str:
 
 
 def data_uri(file: Path) -> str:
-    """A picture as an address that holds it: the page needs no other file."""
+    """Return a picture file as a data URI, so that the page needs no other file."""
     encoded = base64.b64encode(file.read_bytes()).decode("ascii")
     return f"data:image/{file.suffix[1:].replace('svg', 'svg+xml')};base64,{encoded}"
 
 
-def named_versions(versions: dict[str, str]) -> str:
-    """Packages and their versions for people."""
+def version_text(versions: dict[str, str]) -> str:
+    """Return packages and their versions as one line of text."""
     return ", ".join(f"{name} {version}" for name, version in versions.items())

@@ -1,4 +1,4 @@
-"""Figures for print: widths, colours, style, and how they are saved. No display is needed."""
+"""Figures for print: widths, colours, style and files. No display is needed."""
 
 import warnings
 from collections.abc import Iterator
@@ -13,15 +13,15 @@ from matplotlib.ticker import LogLocator, NullLocator
 from fjh.study.palette import BLACK, BLUE, VERMILION
 
 PAGE_IN = 7.16
-"""Width of a figure across both columns of a page; `COLUMN_IN`: of one column."""
+"""Width [inch] of a figure across both columns of a page; `COLUMN_IN`: of one column."""
 COLUMN_IN = 3.5
 
 DESIRED, MEASURED, START = BLACK, BLUE, VERMILION
 COLOR_MAP = "cividis"
-"""For a quantity: perceptually uniform, and the same to colour-blind readers."""
+"""Colour map of a quantity: perceptually uniform, also for colour-blind readers."""
 
 TEXT_PT, TITLE_PT = 7, 8
-"""The only two sizes of text: 7 pt is the least that journals print."""
+"""Sizes of all text [pt]: 7 pt is the smallest that journals print."""
 
 _NO_DATE = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
@@ -38,28 +38,28 @@ matplotlib.rc("legend", handlelength=1.6, labelspacing=0.3)
 matplotlib.rc("grid", alpha=0.3, linewidth=0.5)
 matplotlib.rc("lines", linewidth=1.0, markersize=3.5)
 matplotlib.rc("hatch", linewidth=0.4)
-# Text stays text in PDF, as TrueType, which publishers ask for; SVG must look alike wherever it is
-# opened, so that its letters are outlines. The same figure is the same file, to the bit.
+# Text stays text in PDF, as TrueType, which publishers require; in SVG letters are outlines, so
+# that it looks the same everywhere. A fixed salt makes the files of a figure reproducible.
 matplotlib.rc("pdf", fonttype=42)
 matplotlib.rc("svg", fonttype="path", hashsalt="fjh")
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """An empty figure of this size in print, laid out so that nothing overlaps."""
+    """Return an empty figure of this size in print, with a layout without overlaps."""
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
 def one_legend(figure: Figure, columns: int) -> None:
-    """One legend below all panels, each label once."""
-    found = {}
+    """Add one legend below all panels, with each label once."""
+    entries = {}
     for axes in figure.axes:
         handles, labels = axes.get_legend_handles_labels()
-        found |= dict(zip(labels, handles, strict=True))
-    figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns)
+        entries |= dict(zip(labels, handles, strict=True))
+    figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=columns)
 
 
 def logarithmic(axes: Axes, names: str) -> None:
-    """Scale x, y or both ("xy"): 1, 2, 5 of each decade as plain numbers, however few decades."""
+    """Set logarithmic scales on x, y or both ("xy") with ticks at 1, 2, 5 of each decade."""
     for name in names:
         axes.set(**{f"{name}scale": "log"})
         axis = getattr(axes, f"{name}axis")
@@ -70,19 +70,19 @@ def logarithmic(axes: Axes, names: str) -> None:
 
 @contextmanager
 def names_in_any_script() -> Iterator[None]:
-    """Draw letters that the font lacks as boxes, without a warning."""
+    """Suppress the warning on letters that the font lacks; they become boxes."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")
         yield
 
 
 def printed(figure: Figure, name: str, formats: tuple[str, ...]) -> dict[str, bytes]:
-    """A figure in these formats by names of files; the same bytes every time."""
+    """Return the files of a figure in these formats by name, reproducible to the byte."""
     files = {}
     with names_in_any_script():
         if figure.axes and (layout := figure.get_layout_engine()):
             layout.execute(figure)
-            figure.set_layout_engine("none")  # laid out once: all formats are alike
+            figure.set_layout_engine("none")  # laid out once: all formats are the same
         for suffix in formats:
             figure.savefig(content := BytesIO(), format=suffix, metadata=_NO_DATE[suffix])
             files[f"{name}.{suffix}"] = content.getvalue()

@@ -1,4 +1,4 @@
-"""Where results come from: machine, commit, versions, and the code itself."""
+"""Provenance of results: machine, commit, package versions, and a hash of the code."""
 
 import hashlib
 import os
@@ -25,13 +25,13 @@ _SOURCES = (
     "sim/**/*.py",
 )
 _REPORT = ("experiments/app/*.py",)
-"""All that makes numbers, figures and captions; and the report itself, which only shows them."""
+"""Sources of numbers, figures and captions (`_SOURCES`), without the report that prints them."""
 
 PACKAGES = ("mujoco", "numpy", "scipy", "control", "rerun-sdk", "matplotlib")
 
 
 def machine() -> dict[str, Any]:
-    """Processor, cores, memory and system that the wall times belong to."""
+    """Return processor, cores, memory and operating system, to which the wall times refer."""
     return {
         "processor": processor(),
         "cores": psutil.cpu_count(logical=False) or os.cpu_count(),
@@ -42,7 +42,7 @@ def machine() -> dict[str, Any]:
 
 
 def processor() -> str:
-    """The processor's name, as far as the system gives it."""
+    """Return the name of the processor, as far as the system states it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -52,8 +52,8 @@ def processor() -> str:
 
 
 def commit() -> str:
-    """The commit of the checkout that this file belongs to, and whether more has changed since."""
-    # Installed below somebody else's checkout this file is not one of theirs.
+    """Return the commit of this file's checkout, and whether there are uncommitted changes."""
+    # An installation inside another checkout is not tracked by it.
     if _git("ls-files", "--error-unmatch", __file__) is None:
         return "not a git checkout"
     changes = ", with uncommitted changes" if _git("status", "--porcelain") else ""
@@ -61,7 +61,7 @@ def commit() -> str:
 
 
 def code_sha256() -> str:
-    """SHA-256 over the names and contents of the files that make numbers."""
+    """Return the SHA-256 over names and contents of the source files that determine numbers."""
     digest = hashlib.sha256()
     for file in sorted(_matching(_SOURCES) - _matching(_REPORT)):
         digest.update(f"{file.relative_to(ROOT).as_posix()}\0".encode())
@@ -74,7 +74,7 @@ def _matching(patterns: Iterable[str]) -> set[Path]:
 
 
 def _git(*arguments: str) -> str | None:
-    """What git says; None if it is not there or refuses."""
+    """Return the output of a git command; None if git is missing or fails."""
     try:
         done = subprocess.run(
             ["git", "-C", str(HERE), *arguments], capture_output=True, text=True, check=True
@@ -85,12 +85,12 @@ def _git(*arguments: str) -> str | None:
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python and of the packages that the numbers depend on."""
+    """Return the versions of Python and of the packages that the numbers depend on."""
     return {"python": platform.python_version()} | {name: version(name) for name in PACKAGES}
 
 
 def version_properties(summary: dict[str, Any]) -> dict[str, str]:
-    """Versions as properties: flat, and without the hyphens that their names may not have."""
+    """Return the versions of a summary as properties, hyphens in names replaced."""
     return {
         f"version_{name.replace('-', '_')}": value for name, value in summary["versions"].items()
     }

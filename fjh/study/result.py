@@ -1,4 +1,4 @@
-"""The result of a study as data frames: its numbers, checks, printed tables, figures and files."""
+"""Result of a study: data frames, checks, printed tables, figures and files."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -26,20 +26,20 @@ _MARKUP = re.compile(
 
 @dataclass(frozen=True)
 class Check:
-    """One number that must stay below its limit for the study to be trusted; NaN fails."""
+    """Number that must stay below its limit for the study to be valid; NaN fails."""
 
-    what: str  # with its unit
-    where: str  # in which run or condition
+    what: str  # name of the number, with its unit
+    where: str  # run or condition
     value: float
     limit: float
 
     @property
     def passed(self) -> bool:
-        """Whether the value is below the limit."""
+        """True if the value is below the limit."""
         return bool(self.value < self.limit)
 
     def row(self) -> dict[str, Any]:
-        """The check for JSON; a value that is no number is None."""
+        """Return the check for JSON; an infinite value or NaN becomes None."""
         value = self.value if isfinite(self.value) else None
         return asdict(self) | {"value": value, "passed": self.passed}
 
@@ -49,36 +49,36 @@ class Check:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of the study."""
+    """A figure of a study."""
 
-    name: str  # of its files, without ending
+    name: str  # name of its files, without suffix
     caption: str
-    alt: str  # what there is to see, for a reader who cannot
-    draw: "Callable[[], Figure]"
-    formats: tuple[str, ...] = ("png", "pdf")  # a page shows the first
+    alt: str  # description for readers who cannot see the figure
+    plot: "Callable[[], Figure]"
+    formats: tuple[str, ...] = ("png", "pdf")  # the first one is for pages
 
     @property
     def file(self) -> str:
-        """The file that a page shows."""
+        """Name of the file for pages."""
         return f"{self.name}.{self.formats[0]}"
 
     def files(self) -> Mapping[str, bytes]:
-        """Their contents by name, the same every time."""
+        """Return the contents of its files by name; they are reproducible to the byte."""
         from fjh.study.plotting import printed
 
-        return printed(self.draw(), self.name, self.formats)
+        return printed(self.plot(), self.name, self.formats)
 
 
 @dataclass(frozen=True)
-class Shown:
-    """A table for people.
+class TableView:
+    """View of a data frame as a printed table.
 
     Attributes:
-        title: What its rows are.
+        title: Description of the rows.
         frame: A table of the result, or some of its rows.
-        columns: Names of the columns that are shown, each with a format after a colon if need be:
-            "strategy rms_urad:.0f". Values that are missing leave their cell empty.
-        legend: What the columns mean, where title and names do not say it.
+        columns: Names of the printed columns, each with an optional format after a colon:
+            "strategy rms_urad:.0f". Cells of missing values are empty.
+        legend: Meaning of the columns, where title and names are not sufficient.
     """
 
     title: str
@@ -88,17 +88,17 @@ class Shown:
 
     @property
     def headings(self) -> list[str]:
-        """Names of the columns; the first has the labels of the rows."""
+        """Names of the printed columns; the first column has the labels of the rows."""
         return [entry.partition(":")[0] for entry in self.columns.split()]
 
     def cells(self) -> list[list[str]]:
-        """The rows as text."""
+        """Return the rows as text."""
         formats = [entry.partition(":")[::2] for entry in self.columns.split()]
         rows = self.frame.to_dict("records")
         return [[_cell(row[name], digits) for name, digits in formats] for row in rows]
 
     def markdown(self) -> str:
-        """The table as Markdown, title and legend included."""
+        """Return the table as Markdown, with title and legend."""
         lines = [self.headings, ["---"] * len(self.headings), *self.cells()]
         table = "\n".join("| " + " | ".join(map(literal, line)) + " |" for line in lines)
         return "\n\n".join(filter(None, (f"## {literal(self.title)}", literal(self.legend), table)))
@@ -111,41 +111,41 @@ def _cell(value: Any, digits: str) -> str:
 
 
 def literal(text: str) -> str:
-    """Markdown that shows a text as it is: names are anybody's."""
+    """Escape a text for Markdown: names in files of users may contain markup."""
     return _MARKUP.sub(r"\\\g<0>", text)
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a study found; it is sound if all checks passed.
+    """Result of a study; it is valid if all checks passed.
 
     Attributes:
-        settings: What the numbers depend on and rows do not say; units are in the names.
+        settings: Conditions of the study that are not in the rows; units are in the names.
         tables: Data frames by name, a row for each run or condition; units are in the names of
             the columns. The first is that of the runs.
-        checks: What must hold for the numbers to be trusted.
-        shown: The tables that are printed.
-        notes: Sentences below them.
-        pictures: The figures.
+        checks: Conditions for the numbers to be valid.
+        views: Printed tables.
+        notes: Sentences below the tables.
+        pictures: Figures.
         arrays: Contents of `.npz` files by file name.
-        records: Each writes further files, as recordings, into the folder that it is given.
-        found: Results of the whole study, which are in no row; units are in the names.
-        rows: Of a study of many runs: a row for each, in NAME.parquet alone.
+        records: Functions that write further files, such as recordings, into a given folder.
+        overall: Results of the whole study, not of single rows; units are in the names.
+        rows: Row for each run of a study of many runs, written to NAME.parquet only.
     """
 
     settings: Mapping[str, Any]
     tables: Mapping[str, pd.DataFrame] = field(default_factory=dict)
     checks: Sequence[Check] = ()
-    shown: Sequence[Shown] = ()
+    views: Sequence[TableView] = ()
     notes: Sequence[str] = ()
     pictures: Sequence[Picture] = ()
     arrays: Mapping[str, Mapping[str, NDArray[Any]]] = field(default_factory=dict)
     records: Sequence[Callable[[Path], None]] = ()
-    found: Mapping[str, Any] = field(default_factory=dict)
+    overall: Mapping[str, Any] = field(default_factory=dict)
     rows: pd.DataFrame | None = None
 
     def summary(self, name: str) -> dict[str, Any]:
-        """The contents of the JSON file of the study of this name: each table is its rows."""
+        """Return the contents of the JSON file of a study of this name: tables as lists of rows."""
         dataset = {} if self.rows is None else {"dataset": f"{name}.parquet"}
         return {
             "experiment": name,
@@ -153,30 +153,30 @@ class Result:
             **dataset,
             **plain(dict(self.settings)),
             **{key: records_of(frame) for key, frame in self.tables.items()},
-            **plain(dict(self.found)),
+            **plain(dict(self.overall)),
             "checks": [plain(check.row()) for check in self.checks],
         }
 
     @property
     def failed(self) -> list[str]:
-        """A sentence on each check that failed."""
+        """Sentence on each check that failed."""
         return [str(check) for check in self.checks if not check.passed]
 
     @property
     def checked(self) -> str:
-        """One sentence on all checks: that they passed, or which failed."""
+        """Sentence on all checks: passed, or the list of those that failed."""
         if failed := self.failed:
             return f"{len(failed)} of {len(self.checks)} checks failed: {'; '.join(failed)}."
-        return f"All checks passed ({len(self.checks)})." if self.checks else "Nothing is checked."
+        return f"All checks passed ({len(self.checks)})." if self.checks else "No checks."
 
     def markdown(self) -> str:
-        """Tables, notes and figures as a page."""
+        """Return tables, notes and figures as one page of Markdown."""
         notes = "\n".join(f"- {literal(note)}" for note in self.notes)
         figures = [
-            f"![{literal(each.alt)}]({each.file})\n\n{literal(each.caption)}"
-            for each in self.pictures
+            f"![{literal(picture.alt)}]({picture.file})\n\n{literal(picture.caption)}"
+            for picture in self.pictures
         ]
-        parts = [*(each.markdown() for each in self.shown), notes, *figures]
+        parts = [*(view.markdown() for view in self.views), notes, *figures]
         return "\n\n".join(part for part in parts if part) + "\n"
 
     def publish(
@@ -188,15 +188,15 @@ class Result:
         """Write NAME.json, NAME.md, Parquet, figures, data and recordings: all of them, or none.
 
         Args:
-            name: Of the study.
-            folder: Where to.
+            name: Name of the study.
+            folder: Folder of the files.
             on_progress: Called with the written and the total number of recordings and figures.
 
         Returns:
             The contents of the JSON file, which name all files.
 
         Raises:
-            OutputError: The disk or the folder refuses.
+            OutputError: The folder cannot be written.
         """
         frames = {f"{name}_{key}": frame for key, frame in self.tables.items()}
         if self.rows is not None:
@@ -219,29 +219,29 @@ class Result:
 
 
 def origin(seed: int, **models: Path) -> dict[str, Any]:
-    """Settings that every result has: seed, versions of packages, SHA-256 of the machine file.
+    """Return the settings of every result: seed, package versions, SHA-256 of the machine file.
 
     Args:
-        seed: Of all that is random in the study.
+        seed: Seed of all random numbers of the study.
         models: Further machine files by name; then the SHA-256 are by name, the hexapod's `fjh`.
     """
-    own = model_sha256()
-    found = {"fjh": own} | {name: model_sha256(file) for name, file in models.items()}
-    return {"seed": seed, "versions": versions(), "model_sha256": found if models else own}
+    hexapod = model_sha256()
+    hashes = {"fjh": hexapod} | {name: model_sha256(file) for name, file in models.items()}
+    return {"seed": seed, "versions": versions(), "model_sha256": hashes if models else hexapod}
 
 
 def check(what: str, values: Any, below: float, where: str = "") -> list[Check]:
-    """Checks that numbers stay below a limit; one that is NaN fails.
+    """Return checks that numbers stay below a limit; NaN fails.
 
     Args:
-        what: The number, with its unit in brackets.
-        values: A number, or a series whose index says where each is from.
+        what: Name of the number, with its unit in brackets.
+        values: One number, or a series whose index identifies run or condition.
         below: The limit.
-        where: Where a single number is from, or what stands before the index.
+        where: Run or condition of a single number, or prefix of the index.
     """
     if isinstance(values, pd.Series):
         places = [index if isinstance(index, tuple) else (index,) for index in values.index]
-        names = [", ".join(filter(None, (where, *map(str, each)))) for each in places]
+        names = [", ".join(filter(None, (where, *map(str, place)))) for place in places]
         return [
             Check(what, name, float(value), below)
             for name, value in zip(names, values, strict=True)
@@ -250,16 +250,16 @@ def check(what: str, values: Any, below: float, where: str = "") -> list[Check]:
 
 
 def records_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
-    """The rows of a data frame, ready for JSON: what is missing is None."""
+    """Return the rows of a data frame for JSON; missing values are None."""
     return [plain(row) for row in frame.to_dict("records")]
 
 
 def plain(value: Any) -> Any:
-    """The value in types of Python: None for NaN, lists for arrays."""
+    """Convert a value to built-in types of Python: NaN to None, arrays to lists."""
     if isinstance(value, Mapping):
-        return {str(key): plain(each) for key, each in value.items()}
+        return {str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
-        return [plain(each) for each in value]
+        return [plain(entry) for entry in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if value is pd.NA or (isinstance(value, float) and np.isnan(value)) else value

@@ -1,4 +1,4 @@
-"""Work in parallel, in processes of this computer or on a Dask cluster."""
+"""Parallel calls, in processes of this computer or on a Dask cluster."""
 
 import logging
 import os
@@ -23,16 +23,16 @@ from fjh.study.provenance import code_sha256
 CORES = len(os.sched_getaffinity(0))
 
 ANSWERS_IN_S, PATIENCE_S = 5.0, 300.0
-"""How long a scheduler may take to answer, and may be without workers."""
+"""Longest time [s] of a scheduler to answer, and to be without workers."""
 
-IN_FLIGHT = 4000
-"""Calls that a scheduler knows of at once: several for each core of a large cluster."""
+MOST_PENDING = 4000
+"""Largest number of calls submitted at once to a cluster: several per core of a large one."""
 
 
 def in_parallel(
     function: Callable[..., Any], calls: Sequence[dict[str, Any]], on_progress: OnProgress
 ) -> list[Any]:
-    """Results of function(**call), in the order of `calls`; raises as :func:`finished`."""
+    """Return the results of function(**call) in the order of `calls`; raise as :func:`finished`."""
     results: list[Any] = [None] * len(calls)
     on_progress(0, len(calls))
     with processes(min(len(calls), CORES)) as pool:
@@ -43,7 +43,7 @@ def in_parallel(
 
 
 def call(work: Callable[..., Any], **arguments: Any) -> Any:
-    """Call `work`: the function for :func:`in_parallel` where each call names its own."""
+    """Call `work`: the function for :func:`in_parallel` if each call has another function."""
     return work(**arguments)
 
 
@@ -52,22 +52,22 @@ def finished(
 ) -> Iterator[tuple[int, Any]]:
     """Yield number and result of each function(**call), in the order in which they finish.
 
-    Calls are taken when there is room for them. Each has one thread for linear algebra, so that
-    numbers do not depend on where it runs.
+    Calls are taken from the iterable when they can be submitted. Each has one thread for linear
+    algebra, so that numbers do not depend on the machine.
 
     Raises:
-        Unsound: A worker was killed, or the scheduler has gone.
-        Exception: That of a call.
+        Unsound: A worker was killed, or the connection to the scheduler is lost.
+        Exception: The exception of a call.
     """
     waiting, running = enumerate(calls), dict[Any, int]()
 
     def submit(count: int) -> None:
         for number, arguments in islice(waiting, count):
-            with uninterrupted():  # nor may workers, which inherit this, see their group's Ctrl-C
+            with uninterrupted():  # workers inherit the mask, and so do not get Ctrl-C either
                 running[pool.submit(_on_one_thread, function, arguments)] = number
 
     try:
-        submit(IN_FLIGHT if not isinstance(pool, ProcessPoolExecutor) else 2 * CORES)
+        submit(MOST_PENDING if not isinstance(pool, ProcessPoolExecutor) else 2 * CORES)
         while running:
             done, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in done:
@@ -75,7 +75,7 @@ def finished(
                 yield number, future.result()
                 submit(1)
     except BrokenProcessPool:
-        raise Unsound("a worker was killed, perhaps for want of memory") from None
+        raise Unsound("a worker was killed, perhaps for lack of memory") from None
     except CancelledError:
         raise Unsound("the connection to the scheduler is lost") from None
 
@@ -87,12 +87,12 @@ def _on_one_thread(function: Callable[..., Any], arguments: dict[str, Any]) -> A
 
 @contextmanager
 def processes(count: int) -> Iterator[Executor]:
-    """Make a pool of processes, which end with the block or with this process, whatever they do."""
+    """Make a pool of processes that always end with the block or with this process."""
     others = active_children()
-    with uninterrupted():  # Python's tracker of what they share must outlive a hang-up of all
+    with uninterrupted():  # Python's resource tracker must survive a hang-up of the group
         ensure_running()
     # Not fork: threads of numerical libraries would be inherited in an unknown state.
-    pool = ProcessPoolExecutor(max(count, 1), get_context("spawn"), _begin)
+    pool = ProcessPoolExecutor(max(count, 1), get_context("spawn"), _start_worker)
     try:
         yield pool
     finally:
@@ -101,7 +101,7 @@ def processes(count: int) -> Iterator[Executor]:
         pool.shutdown(cancel_futures=True)
 
 
-def _begin() -> None:
+def _start_worker() -> None:
     Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -113,23 +113,23 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def cluster(scheduler: str) -> Iterator[Executor]:
-    """Connect to the workers of a Dask scheduler; for `tls://`, with the certificates of Dask.
+    """Connect to the workers of a Dask scheduler; `tls://` uses the certificates of Dask.
 
     Raises:
-        WrongInput: No scheduler answers there, or it has no workers and gets none, or they have
-            another version of this package.
+        WrongInput: No scheduler answers there, it has no workers in time, or they have another
+            version of this package.
     """
     from distributed import Client  # late: it takes a second
 
     logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)
     if not scheduler.startswith(("tls://", "wss://", "inproc://", "tcp://127.", "tcp://localhost")):
         notice(
-            f"--scheduler {scheduler} is not encrypted: whoever reaches that port runs programs "
-            "as you, on its workers and here; docs/install.md shows tls://"
+            f"--scheduler {scheduler} is not encrypted: anyone who can reach that port can run "
+            "programs as you, on its workers and here; use tls:// (docs/install.md)"
         )
     try:
         client = Client(scheduler, timeout=ANSWERS_IN_S)
-    except Exception as error:  # whatever there is at that port, and in Dask for that scheme
+    except Exception as error:  # depends on the program at that port, and on the scheme in Dask
         why = " ".join(str(error).split()) or f"nothing within {ANSWERS_IN_S:g} s"
         raise WrongInput(f"--scheduler {scheduler} does not answer: {why}") from None
     with client:
@@ -140,9 +140,9 @@ def cluster(scheduler: str) -> Iterator[Executor]:
         except TimeoutError:
             why = f"the scheduler has had no workers for {PATIENCE_S:g} s"
             raise WrongInput(f"{why}: start some with dask worker") from None
-        ours, answers = code_sha256(), client.run(code_sha256, on_error="return")
+        local, answers = code_sha256(), client.run(code_sha256, on_error="return")
         for worker, answer in answers.items():  # type: ignore[union-attr]
-            if answer != ours:
-                said = answer if isinstance(answer, Exception) else "it has another release"
-                raise WrongInput(f"worker {worker} cannot run this package: {said}")
+            if answer != local:
+                why = answer if isinstance(answer, Exception) else "it has another release"
+                raise WrongInput(f"worker {worker} cannot run this package: {why}")
         yield client.get_executor()

@@ -1,4 +1,4 @@
-"""The survey of a robot or a matrix: conditions at the start and over the workspace, as frames."""
+"""The study `survey`: capability of a robot or a matrix after failures; docs/survey.md."""
 
 import shlex
 from dataclasses import replace
@@ -19,24 +19,24 @@ from fjh.rig.options import (
     Switch,
 )
 from fjh.study.errors import WrongInput
-from fjh.study.option import OnProgress, Option, seed_of, words_of
+from fjh.study.input_checks import check_file
+from fjh.study.option import OnProgress, Option, command_arguments, seed_of
 from fjh.study.provenance import versions
 from fjh.study.result import Picture, Result
-from fjh.study.spelling import check_file
 from fjh.survey import page
-from fjh.survey.conditions import actuator_frame, checks, condition_frame, surveyed
+from fjh.survey.conditions import actuator_frame, checks, condition_frame, survey_system
 from fjh.survey.isolation import isolation_of
 from fjh.survey.recording import write_losses
-from fjh.survey.subject import Subject, matrix_subject, robot_subject
+from fjh.survey.system import AnalyzedSystem, matrix_system, robot_system
 
-_QUICK = 8  # postures at most
+_QUICK = 8  # largest number of postures of a quick run
 
 
 def survey(
     *,
     model: Model = None,
     seed: Annotated[int, seed_of("the postures")] = 0,
-    quick: Annotated[bool, Option(help="At most 8 postures.")] = False,
+    quick: Annotated[bool, Option(help="Sample at most 8 postures.")] = False,
     site: Site = "payload",
     axes: Axes = None,
     major: Annotated[str | None, MAJOR] = None,
@@ -54,7 +54,7 @@ def survey(
         ),
     ] = None,
     upper: Annotated[
-        str | None, Option(metavar="U", help="Upper limit likewise.  [default: 1]")
+        str | None, Option(metavar="U", help="Upper limit, in the same form.  [default: 1]")
     ] = None,
     hold: Annotated[
         str | None,
@@ -68,97 +68,97 @@ def survey(
         int,
         Option(
             metavar="N",
-            help="Of the workspace, by a Sobol sequence over the joint ranges; 0: the start alone.",
+            help="Postures sampled by a Sobol sequence over the joint ranges; 0: the start alone.",
             bounds=(0, 4096),
         ),
     ] = 32,
     sensors: Annotated[
         Switch,
         Option(
-            help="Whether to say which failures a robot's sensors tell apart: 1 s for the hexapod, "
-            "10 s for 12 actuators, not for more."
+            help="Compute which failures a robot's sensors can isolate: 1 s for the hexapod, 10 s "
+            "for 12 actuators, not available for more."
         ),
     ] = "on",
     servo: Annotated[
         float | None,
         Option(
             metavar="HZ",
-            help="For the sensors: natural frequency of the position servos that other actuators "
-            "get.",
+            help="For the sensors: natural frequency of the position servos that replace other "
+            "actuators.",
         ),
     ] = None,
     on_progress: OnProgress,
 ) -> Result:
-    """Say what a robot, or an effectiveness matrix, can still do after each failure.
+    """Report what a robot, or an effectiveness matrix, can still do after each failure.
 
     The robot is an MJCF file; without one it is the hexapod. A matrix is a text file of numbers
     whose columns are actuators and whose rows are effects, as of rotors or thrusters; rows and
-    columns may have names. Each failure of one or two actuators (of one with more than 99; of up to
-    nine all combinations are counted), locked or free: whether the major task survives, what speed
-    or effect, force and precision is left in the worst direction, and which secondary motion goes;
-    for a robot also over its workspace. A failure is survived if at least 1 % of the speed and
-    force, or of the effect, without failures is left. Takes 3 s for a matrix, 5 to 20 s for a
-    robot; what takes longer says so.
+    columns may have names. Each failure of one or two actuators, locked or free, is analyzed (with
+    more than 99 actuators of one; with up to nine all combinations are counted): whether the major
+    task survives, the remaining speed or effect, force and precision in the worst direction, and
+    the lost secondary motion; for a robot also over its workspace. A failure is survived if at
+    least 1 % of the speed and force, or of the effect, without failures is left. Takes 3 s for a
+    matrix, 5 to 20 s for a robot; longer steps show their progress.
 
     Writes survey.json, the report on one page as survey.html, the tables as survey.md, and every
     condition at every posture as survey.parquet; a figure, if the task is possible without
-    failures; and of a robot survey.rrd, survey_2.rrd and so on: its motion in each direction that a
-    single failure costs.
+    failures; and for a robot survey.rrd, survey_2.rrd and so on: its motion in each direction that
+    a single failure removes.
 
     Example: fjh survey --matrix rotors.csv --lower 0 --upper 6 --hold 15,0,0,0 --out rotors
     """
-    command = shlex.join(["fjh", "survey", *words_of(survey, {**locals()})])
+    command = shlex.join(["fjh", "survey", *command_arguments(survey, {**locals()})])
     robot = {"site": site, "axes": axes, "keyframe": keyframe, "pinned": pinned, "servo": servo}
-    subject = _subject(model, matrix, lower, upper, major, hold, robot)
-    drawn = min(postures, _QUICK) if quick else postures
-    found = surveyed(subject, drawn, seed, on_progress)
-    subject, start, possible = found.subject, found.start, found.rows.posture[found.rows.possible]
-    isolation, told_apart = isolation_of(subject, sensors, servo)
+    system = _system_of_options(model, matrix, lower, upper, major, hold, robot)
+    count = min(postures, _QUICK) if quick else postures
+    analysis = survey_system(system, count, seed, on_progress)
+    system, start, rows = analysis.system, analysis.start, analysis.rows
+    isolation, isolation_settings = isolation_of(system, sensors, servo)
     tables = {
-        "conditions": condition_frame(found),
-        "counts": found.counts,
-        "actuators": actuator_frame(found),
-        "postures": found.postures,
+        "conditions": condition_frame(analysis),
+        "counts": analysis.counts,
+        "actuators": actuator_frame(analysis),
+        "postures": analysis.postures,
         "isolation": isolation,
     }
     settings = {
         "seed": seed,
         "versions": versions(),
-        "matrix_sha256" if subject.robot is None else "model_sha256": subject.sha256,
+        "matrix_sha256" if system.robot is None else "model_sha256": system.sha256,
         "command": command,
-        "title": subject.title,
-        "rows": subject.rows,
-        "major": subject.major,
-        "hold": subject.hold,
-        "limits_source": next(iter(subject.sources.values())),
-        "force_limits_source": subject.sources.get("forces"),
+        "title": system.title,
+        "rows": system.rows,
+        "major": system.major,
+        "hold": system.hold,
+        "limits_source": next(iter(system.sources.values())),
+        "force_limits_source": system.sources.get("forces"),
         "least_left_of_survived": LEAST_LEFT,
-        "instead_of_start": subject.instead,
-        "postures_drawn": 0 if subject.robot is None else drawn,
-        "postures_examined": len(found.postures),
-        "postures_possible": possible.nunique() - int(start.survived[0]),
-        "left_out": list(found.left_out()),
-        **told_apart,
+        "instead_of_start": system.instead,
+        "postures_drawn": 0 if system.robot is None else count,
+        "postures_examined": len(analysis.postures),
+        "postures_possible": rows.posture[rows.possible].nunique() - int(start.survived[0]),
+        "left_out": list(analysis.omissions()),
+        **isolation_settings,
     }
-    verdict = page.headline(subject, start)
-    sentences = [verdict, *page.notes(subject, start, tables["actuators"], settings)]
-    picture = Picture("survey", page.CAPTION, page.ALT, partial(page.figure_survey, subject, start))
+    headline = page.headline(system, start)
+    sentences = [headline, *page.notes(system, start, tables["actuators"], settings)]
+    picture = Picture("survey", page.CAPTION, page.ALT, partial(page.figure_survey, system, start))
     result = Result(
         settings=settings,
         tables=tables,
-        checks=checks(subject, start),
-        shown=page.shown(subject, tables),
+        checks=checks(system, start),
+        views=page.table_views(system, tables),
         notes=sentences,
-        found={"sentences": sentences},
+        overall={"sentences": sentences},
         pictures=[picture] if start.survived[0] else [],  # else there is nothing to compare with
-        rows=found.rows,
+        rows=rows,
     )
-    lost = partial(write_losses, subject, start, command, verdict)
-    # The page last: it shows the figure, and names the recordings.
+    lost = partial(write_losses, system, start, command, headline)
+    # The page is last: it includes the figure and lists the recordings.
     return replace(result, records=[lost, partial(page.write_page, result)])
 
 
-def _subject(
+def _system_of_options(
     model: Path | None,
     matrix: Path | None,
     lower: str | None,
@@ -166,18 +166,18 @@ def _subject(
     major: str | None,
     hold: str | None,
     robot: dict[str, Any],
-) -> Subject:
-    """A robot or a matrix; options of the one are refused for the other."""
+) -> AnalyzedSystem:
+    """Load the robot or the matrix; raise `WrongInput` for options of the other."""
     if matrix is None:
         if hold is not None:
             raise WrongInput("--hold is for a matrix: give one with --matrix")
-        usual: dict[str, Any] = {"axes": "base"} if model is None else {}
-        own = robot | {"major": major, "servo": None}  # a servo is for the sensors alone
-        given = usual | {name: value for name, value in own.items() if value is not None}
-        return robot_subject(model and check_file(model), RobotOptions(**given), lower, upper)
+        defaults: dict[str, Any] = {"axes": "base"} if model is None else {}
+        options = robot | {"major": major, "servo": None}  # a servo is for the sensors alone
+        given = defaults | {name: value for name, value in options.items() if value is not None}
+        return robot_system(model and check_file(model), RobotOptions(**given), lower, upper)
     if model is not None:
         raise WrongInput(f"{model} and --matrix {matrix}: one of them is surveyed at a time")
     for name, value in robot.items():
         if value not in (getattr(DEFAULT_OPTIONS, name), None):
             raise WrongInput(f"--{name} is for a robot: a matrix has none")
-    return matrix_subject(check_file(matrix), lower, upper, major, hold)
+    return matrix_system(check_file(matrix), lower, upper, major, hold)

@@ -15,7 +15,7 @@ import typer
 
 from experiments.app.cli import app_of, main
 from experiments.studies import LINES, PAPER, ROBOT, command_of, study
-from fjh.study.option import words_of
+from fjh.study.option import command_arguments
 from sim import HEXAPOD_MJCF, MODELS
 from tests.made import keep_made
 
@@ -218,7 +218,7 @@ def test_tab_completes_commands_options_and_choices_at_once(tmp_path, words, off
 )
 def test_the_words_of_options_are_read_as_these_options(name, given):
     """Those of a dataclass among the parameters, too; what is as by default is left out."""
-    words = words_of(study(name), given)
+    words = command_arguments(study(name), given)
     assert len(words) <= 2 + 2 * len(given)
     read = commands()[name].make_context(name, words).params
     assert {key: read[key] for key in given} == given

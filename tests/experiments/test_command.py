@@ -11,7 +11,7 @@ import typer
 
 from experiments.app.command import command
 from fjh.study.errors import Unsound
-from fjh.study.result import Check, Result, Shown
+from fjh.study.result import Check, Result, TableView
 from tests.made import made_study
 
 HEIGHTS = pd.DataFrame({"hill": ["Hohe <Acht> [km]"], "m": [747.0]})
@@ -19,7 +19,7 @@ SOUND = Result(
     {"seed": 3},
     {"heights": HEIGHTS},
     [Check("height [m]", "hill", 7.25, 8.0)],
-    [Shown("Heights [m]", HEIGHTS, "hill m:.2f", "Above [urad].")],
+    [TableView("Heights [m]", HEIGHTS, "hill m:.2f", "Above [urad].")],
     ["So it is."],
 )
 

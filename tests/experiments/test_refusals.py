@@ -15,13 +15,13 @@ from tests.made import made_study
 def measure(tmp_path, monkeypatch):
     """The words of a command of a study that does this."""
 
-    def words_of(perform: Callable[..., Any]) -> list[str]:
+    def command_arguments(perform: Callable[..., Any]) -> list[str]:
         study = made_study("measure", lambda **_: perform())
         monkeypatch.setattr(cli, "PAPER", {"measure": ""})
         monkeypatch.setattr(cli, "study", lambda _: study)
         return ["measure", "--out", str(tmp_path / "out")]
 
-    yield words_of
+    yield command_arguments
     assert list(tmp_path.iterdir()) == []
 
 

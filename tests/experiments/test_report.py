@@ -18,10 +18,12 @@ from experiments.app.cli import main
 from fjh.study import provenance
 from fjh.study.errors import Interrupted, Unsound
 from fjh.study.plotting import new_figure
-from fjh.study.result import Check, Picture, Result, Shown
+from fjh.study.result import Check, Picture, Result, TableView
 from tests.made import made_study
 
-HEIGHTS = Shown("Of <it>", pd.DataFrame({"x": ["a < b"], "y_um": [7.25]}), "x y_um:.2f", "& why.")
+HEIGHTS = TableView(
+    "Of <it>", pd.DataFrame({"x": ["a < b"], "y_um": [7.25]}), "x y_um:.2f", "& why."
+)
 
 
 PICTURE = Picture("figure", "A <pixel>.", 'One "pixel".', lambda: new_figure(1, 1))
@@ -38,7 +40,7 @@ def stub(ran: list[str], failed=0.0, raised=None, pictures=()) -> Callable[..., 
         return Result(
             {"seed": seed},
             checks=[Check("error & <more>", "at 3 s", failed, 1.0)],
-            shown=[HEIGHTS],
+            views=[HEIGHTS],
             notes=["5 < 6 & so on"],
             pictures=list(pictures),
             records=[lambda folder: (folder / "run.rrd").touch()],

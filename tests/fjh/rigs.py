@@ -1,4 +1,4 @@
-"""Rigs that many tests share, each made once a process: a rig is frozen."""
+"""Rigs for many tests, each made once per process, since rigs are frozen."""
 
 from functools import cache
 from typing import Any
@@ -25,7 +25,7 @@ def rig(name: str, mismatch: Known | Mismatch = "exact", **options: Any) -> Rig:
 
 @cache
 def rig_of(name: str, **options: Any) -> Rig:
-    """Of a file in tests/models."""
+    """Return the rig of a file in tests/models."""
     return Rig.of_mjcf(TEST_MODELS / f"{name}.xml", **options)
 
 
@@ -34,7 +34,7 @@ def path_of(name: str, duration_s: float = 0.8) -> Array:
 
 
 def readings(bench: Bench, inputs: Array) -> Array:
-    """What its sensors read at each tick, after which it gets these inputs."""
+    """Return the sensor readings at each tick, after which these inputs are applied."""
     read = []
     for each in inputs:
         read.append(np.concatenate(bench.measure()))

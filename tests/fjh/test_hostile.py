@@ -1,4 +1,4 @@
-"""No hostile argument of a rig, of inverse kinematics or of the hexapod's parts ends otherwise."""
+"""Hostile arguments of rigs, inverse kinematics and the hexapod's parts raise or are harmless."""
 
 from functools import cache
 from typing import Any
@@ -50,7 +50,7 @@ RIGS = public(
 
 @cache
 def parts() -> Room:
-    """Parts of the hexapod's bench, and inverse kinematics of the arm."""
+    """Return parts of the hexapod's bench, and inverse kinematics of the arm, with good values."""
     model, arm = load_model(), load_model(MODELS / "arm.xml")
     machine, data = hexapod(model), mujoco.MjData(arm)
     posture, rng = machine.posture(NOMINAL), np.random.default_rng(0)
@@ -125,7 +125,7 @@ test_a_hostile_argument_is_named_or_harmless = one_by_one(parts, PARTS)
 
 @cache
 def rigs() -> Room:
-    """The hexapod's rig, which is slow to make, and the arm's."""
+    """Return the hexapod's rig, which is slow to make, with good values."""
     rig = Rig.hexapod()
     good = {
         **{"faults": [Fault(0, "weak", 0.5)], "goal": Goal(), "mismatch": "exact", "seed": 0},
@@ -136,12 +136,12 @@ def rigs() -> Room:
         "time_s": 0.005,
     }
 
-    def flown(controller: Any) -> Any:
+    def simulated(controller: Any) -> Any:
         run = rig.fly(controller, np.zeros((3, 2)))
         return run.true, run.status
 
     uses = {
-        **dict.fromkeys(("Supervisor", "PrioritizedController", "OracleController"), flown),
+        **dict.fromkeys(("Supervisor", "PrioritizedController", "OracleController"), simulated),
         "Manipulability": lambda found: found.worst_gain,
         "Prediction": lambda found: found.rms_before,  # none is after where nothing fails
         "Run": lambda run: (run.true, run.measured),
@@ -159,5 +159,5 @@ def rigs() -> Room:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", RIGS)
-def test_a_hostile_argument_of_a_rig_is_named_or_harmless(name):
+def test_hostile_argument_of_a_rig_is_reported_or_harmless(name):
     rigs().attack(name)

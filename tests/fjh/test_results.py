@@ -1,4 +1,4 @@
-"""Results of studies as frames, and what changed by more than noise between two of them."""
+"""Results of studies as data frames, and comparison of two results."""
 
 import copy
 import json
@@ -23,8 +23,8 @@ TABLE1 = json.loads((DATA / "table1.json").read_text())
 
 
 @pytest.fixture(autouse=True)
-def elsewhere(tmp_path_factory, monkeypatch):
-    """An empty working directory."""
+def working_folder(tmp_path_factory, monkeypatch):
+    """Change to an empty working directory."""
     monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
 
 
@@ -44,17 +44,17 @@ def test_more_than_rounding_is_a_change_and_with_another_seed_more_than_noise(
     other = copy.deepcopy(TABLE1) | {"seed": seed}
     column = next(each for each in other["columns"] if each["name"] == "W_b")
     column["alpha_measured_rms_urad"] *= factor
-    found = compared(TABLE1, other)
-    assert found.drawn == bool(seed) and list(found.settings.place) == ["seed"] * seed
-    assert list(found.changed.place) == ["columns.W_b.alpha_measured_rms_urad"] * changed
+    difference = compared(TABLE1, other)
+    assert difference.resampled == bool(seed) and list(difference.settings.place) == ["seed"] * seed
+    assert list(difference.changed.place) == ["columns.W_b.alpha_measured_rms_urad"] * changed
 
 
-def test_a_changed_word_is_no_noise_and_a_new_constant_no_other_draw():
+def test_changed_text_is_no_noise_and_a_new_constant_no_new_sample():
     one = {"seed": 0, "status": "exact", "x": None, "y": 1.0, "rules": {"gain": 1.0}}
-    found = compared(one, one | {"seed": 1, "status": "lost", "x": 2.0, "y": 1.01})
-    assert set(found.changed.place) == {"status", "x"}
-    found = compared(one, one | {"rules": {"gain": 1.0, "friction": 0.5}, "y": 1.01})
-    assert list(found.changed.place) == ["y"] and len(found.settings) == 1
+    difference = compared(one, one | {"seed": 1, "status": "lost", "x": 2.0, "y": 1.01})
+    assert set(difference.changed.place) == {"status", "x"}
+    difference = compared(one, one | {"rules": {"gain": 1.0, "friction": 0.5}, "y": 1.01})
+    assert list(difference.changed.place) == ["y"] and len(difference.settings) == 1
 
 
 def test_bounds_of_confidence_count_where_the_draws_differ():
@@ -71,19 +71,19 @@ def test_round_off_files_and_sentences_are_not_compared():
     one = {"a": 1e-16, "b": 1e13, "files": ["a"], "note": note.format(3.10)}
     other = {"a": 3e-12, "b": 7e15, "files": [], "note": note.format(3.11)}
     assert not len(compared(one, other).changed)
-    found = compared({"a": 0.0, "b": 2.0}, {"a": 1e-3})
-    assert len(found.changed) == 1 and list(found.absent.place) == ["b"]
+    difference = compared({"a": 0.0, "b": 2.0}, {"a": 1e-3})
+    assert len(difference.changed) == 1 and list(difference.absent.place) == ["b"]
 
 
 @given(st.dictionaries(st.sampled_from("uvw"), st.floats(-1e3, 1e3)), st.randoms())
 def test_a_table_equals_itself_in_any_order(numbers, rng):
     rows = [{"name": name, "at": k, **numbers} for name in "pq" for k in range(3)]
-    found = compared({"rows": rows}, {"rows": rng.sample(rows, len(rows))})
-    assert not len(found.changed) and not len(found.absent)
+    difference = compared({"rows": rows}, {"rows": rng.sample(rows, len(rows))})
+    assert not len(difference.changed) and not len(difference.absent)
 
 
 def test_two_samples_of_one_distribution_seldom_differ_and_a_shift_is_seen():
-    """The level is that of all columns together."""
+    """The significance level is that of all columns together."""
 
     def rows(seed: int, shift: float = 0.0) -> pd.DataFrame:
         rng = np.random.default_rng(seed)
@@ -119,11 +119,11 @@ def test_nothing_that_is_printed_commands_a_terminal(capsys):
 
 
 def test_runs_checks_and_files_of_every_folder_are_frames():
-    """The first question of docs/recordings.md, on the published rows."""
-    found = results(DATA)
-    late = found.runs.query("named_s > 0.1 and kind == 'locked' and mismatch == 'all'")
+    """Answer the first question of docs/find.md from the published rows."""
+    frames = results(DATA)
+    late = frames.runs.query("named_s > 0.1 and kind == 'locked' and mismatch == 'all'")
     assert len(late) and set(late.study) == {"recover"}
-    assert {"study", "folder"} <= set(found.files)
+    assert {"study", "folder"} <= set(frames.files)
     with pytest.raises(WrongInput, match="no results of a study"):
         results("nowhere")
 
@@ -131,16 +131,16 @@ def test_runs_checks_and_files_of_every_folder_are_frames():
 def test_a_folder_of_recordings_alone_is_a_row_for_each(tmp_path):
     for name in ("one", "two"):
         keep_made(tmp_path, name)
-    found = results(tmp_path)
-    assert list(found.runs.recording) == ["one", "two"] and set(found.runs.study) == {"made"}
-    assert list(found.runs)[:2] == list(found.files)[:2] == ["study", "folder"]
+    frames = results(tmp_path)
+    assert list(frames.runs.recording) == ["one", "two"] and set(frames.runs.study) == {"made"}
+    assert list(frames.runs)[:2] == list(frames.files)[:2] == ["study", "folder"]
 
 
 def test_a_study_of_tables_gives_its_first_and_its_checks(tmp_path):
     spirals, arm = pd.DataFrame({"name": ["a", "b"]}), pd.DataFrame({"name": ["c"]})
     checks = [Check("gap [m]", "a", 1e-9, 1e-8), Check("gap [m]", "b", 1e-7, 1e-8)]
     Result({"seed": 0}, {"spirals": spirals, "arm": arm}, checks).publish("limits", tmp_path)
-    found = results(tmp_path)
-    assert list(found.runs.name) == ["a", "b"]
-    assert found.checks.passed.tolist() == [True, False]
-    assert {".json", ".parquet"} <= set(found.files.kind)
+    frames = results(tmp_path)
+    assert list(frames.runs.name) == ["a", "b"]
+    assert frames.checks.passed.tolist() == [True, False]
+    assert {".json", ".parquet"} <= set(frames.files.kind)

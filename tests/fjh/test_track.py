@@ -1,4 +1,4 @@
-"""`fjh track`: on small paths all goes as the linear model predicts, failures included."""
+"""On small paths `fjh track` agrees with the linear model, also after failures."""
 
 import re
 from dataclasses import fields, replace
@@ -19,7 +19,7 @@ from fjh.rig.reach import limited_by, predictor, uncompared
 from fjh.rig.run import DiagnosedFailure
 from fjh.study.errors import WrongInput
 from fjh.study.result import Result
-from fjh.track import Flown, agreement, rows_of, track
+from fjh.track import TrackedRuns, compare_prediction, rows_of, track
 from ftc.reconfiguration import ErrorPrediction
 from sim import HEXAPOD_MJCF, Array, Failure
 from tests.arms import ARMS as SERIAL
@@ -34,14 +34,18 @@ FAILS = {ARM: "motor2", HAND: "motor2", ARMS: "motor2", PLATFORM: "motor1", None
 
 
 def tracked(model: Path | None, seed: int = 0, **options: Any) -> Result:
-    """A run as the command makes it, without its files."""
+    """Return the result of `fjh track` without its files."""
     # A given crossover spares the search, as no dither does its design.
-    given: dict[str, Any] = {"dither": "none", "turn": 2.0, "duration": 1.0, "model": model}
-    given |= {"major": MAJOR.get(model, "0,1")} | ({} if model is None else {"crossover": 0.7})
-    given |= options
-    own = {each.name: given.pop(each.name) for each in fields(RobotOptions) if each.name in given}
-    given = {"on_progress": lambda *_: None} | given
-    return track(seed=seed, robot=RobotOptions(**own), **given)
+    arguments: dict[str, Any] = {"dither": "none", "turn": 2.0, "duration": 1.0, "model": model}
+    arguments |= {"major": MAJOR.get(model, "0,1")} | ({} if model is None else {"crossover": 0.7})
+    arguments |= options
+    own = {
+        option.name: arguments.pop(option.name)
+        for option in fields(RobotOptions)
+        if option.name in arguments
+    }
+    arguments = {"on_progress": lambda *_: None} | arguments
+    return track(seed=seed, robot=RobotOptions(**own), **arguments)
 
 
 def run_of(result: Result) -> dict[str, Array]:
@@ -54,13 +58,13 @@ NOISE = {ARM: 2e-6, PLATFORM: 2e-6, HAND: 5e-7, ARMS: 2e-6, None: None}
 @pytest.mark.long
 @pytest.mark.parametrize(("model", "noise"), NOISE.items())
 def test_without_a_failure_the_error_is_that_of_the_linear_model(model, noise):
-    """A known path through a linear loop; noise is small, as one second averages little."""
+    """The path is deterministic; noise is small, since one second averages little."""
     one = tracked(model, turn=1.0, noise=noise)
-    rows, found = one.tables["rows"], one.found
+    rows, results = one.tables["rows"], one.overall
     np.testing.assert_allclose(rows.rms_before[:2], rows.predicted_rms_before[:2], rtol=0.05)
-    assert found["rms_after"] is None and found["predicted_rms_after"] is None
-    assert one.settings["failures"] == found["possible_after"] == found["diagnoses"] == []
-    assert found["closure_residual_max_m"] < 1e-8  # the demands brake for the end of the path
+    assert results["rms_after"] is None and results["predicted_rms_after"] is None
+    assert one.settings["failures"] == results["possible_after"] == results["diagnoses"] == []
+    assert results["closure_residual_max_m"] < 1e-8  # the demands brake for the end of the path
 
 
 DESIGNED = {"dither": "designed", "crossover": None}
@@ -75,38 +79,38 @@ LOCKS = [
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("model", "how", "within_s"), LOCKS)
-def test_a_lock_is_named_and_costs_what_it_costs_who_learns_of_it_then(model, how, within_s):
-    """By the dither, of any robot; the delay costs what the lock does meanwhile."""
+@pytest.mark.parametrize(("model", "options", "within_s"), LOCKS)
+def test_lock_is_identified_and_error_is_as_predicted_for_its_delay(model, options, within_s):
+    """The dither isolates the lock for each robot; the prediction includes the delay."""
     failed = FAILS[model]
-    one = tracked(model, duration=2.0, fail=[f"{failed}:locked@0.8"], **how)
-    [named] = one.found["diagnoses"]
-    assert (named["actuator"], named["kind"]) == (failed, "locked")
-    assert 0 <= named["delay_s"] < within_s
-    assert one.found["possible_after"] == [True] and not one.found["task_lost"]
-    assert one.found["prediction_off_after"] < 0.1
+    one = tracked(model, duration=2.0, fail=[f"{failed}:locked@0.8"], **options)
+    [identified] = one.overall["diagnoses"]
+    assert (identified["actuator"], identified["kind"]) == (failed, "locked")
+    assert 0 <= identified["delay_s"] < within_s
+    assert one.overall["possible_after"] == [True] and not one.overall["task_lost"]
+    assert one.overall["prediction_off_after"] < 0.1
     run, actuators = run_of(one), one.settings["actuators"]
     after = run["displacement"][run["time_s"] >= 0.802, actuators.index(failed)]
     assert np.ptp(after) < 1e-3 * one.settings["path_size"]
     isolable = one.settings["dither"]["isolable"]
-    assert how["dither"] == "default" or len(isolable) >= 2 * len(actuators)
+    assert options["dither"] == "default" or len(isolable) >= 2 * len(actuators)
 
 
 @pytest.mark.long
 def test_the_error_at_rest_is_that_of_noise_and_dither():
-    """Nothing else moves; the model without a dither says what noise alone costs."""
+    """Noise and dither alone cause the error; the run without a dither gives the part of noise."""
     at_rest = partial(tracked, ARM, noise=2e-6, turn=1e6, path="steps", duration=0.6)
     one, still = (at_rest(sense="both", dither=dither) for dither in ("10", "none"))
     cost = np.array(one.settings["dither"]["task_motion"]) / np.sqrt(2)
     of_noise = still.tables["rows"].predicted_rms_before
-    for found in (one.tables["rows"].rms_before, one.tables["rows"].predicted_rms_before):
-        np.testing.assert_allclose(found, np.hypot(cost, of_noise), rtol=0.15)
+    for results in (one.tables["rows"].rms_before, one.tables["rows"].predicted_rms_before):
+        np.testing.assert_allclose(results, np.hypot(cost, of_noise), rtol=0.15)
     assert (cost > 2 * of_noise).all()
 
 
 @pytest.mark.long
 def test_forward_kinematics_reads_the_task_as_well_as_the_encoders_allow():
-    """To first order the noise of the task is that of the encoders through the Jacobian."""
+    """The task noise is to first order the encoder noise mapped by the Jacobian."""
     options: dict[str, Any] = {"sense": "joints", "noise": 1e-6}
     run = run_of(tracked(ARM, duration=0.4, diagnosis="off", **options))
     rig = robot_rig(ARM, RobotOptions(crossover=0.7, **options))
@@ -120,7 +124,7 @@ def test_forward_kinematics_reads_the_task_as_well_as_the_encoders_allow():
 
 
 def test_paths_begin_at_the_start_and_keep_their_size(tmp_path):
-    """That of a file is linear between its samples, and at rest after the last one."""
+    """A path of a file is linear between its samples, and at rest after the last one."""
     time_s, size = np.arange(4000) * 1e-3, 2e-3
     circle = path_of("circle", 3, size, time_s, 2.0, 1e-3)
     np.testing.assert_allclose(np.linalg.norm(circle[:, :2] - [0, size], axis=1), size, rtol=1e-12)
@@ -140,40 +144,42 @@ def test_paths_begin_at_the_start_and_keep_their_size(tmp_path):
 
 
 @pytest.mark.long
-def test_the_cost_without_diagnosis_is_that_of_a_run_without_one():
-    """Seed, failures, events and noise are the same: the same numbers to the bit."""
-    fly = partial(tracked, ARM, fail=["motor2:locked@0.2"], event=["bump@0.3"], duration=0.5)
+def test_error_without_diagnosis_is_that_of_a_run_without_diagnosis():
+    """With the same seed, failures, events and noise, numbers are equal to the bit."""
+    track_arm = partial(tracked, ARM, fail=["motor2:locked@0.2"], event=["bump@0.3"], duration=0.5)
     done = list[tuple[int, int]]()
-    both = fly(on_progress=lambda *ticks: done.append(ticks)).found
-    alone = fly(diagnosis="off").found
+    both = track_arm(on_progress=lambda *ticks: done.append(ticks)).overall
+    alone = track_arm(diagnosis="off").overall
     assert both["rms_after_without_diagnosis_rad"] == alone["rms_after_rad"]
     assert alone["rms_after_without_diagnosis"] is None
     assert done[-1] == (1000, 1000) and len(done) == len(set(done))
     # Without a file, a failure or a diagnosis the hexapod's run is that of W_a, to the bit.
     run = run_of(tracked(None, path="spiral", duration=0.3, diagnosis="off"))
     rig = hexapod_rig()
-    ours = rig.fly(rig.controller(), run["desired"])
-    np.testing.assert_array_equal(run["inputs"], ours.inputs)
-    np.testing.assert_array_equal(run["measured"], ours.measured)
+    reference = rig.fly(rig.controller(), run["desired"])
+    np.testing.assert_array_equal(run["inputs"], reference.inputs)
+    np.testing.assert_array_equal(run["measured"], reference.measured)
 
 
 @pytest.mark.long
-def test_what_the_diagnosis_cannot_tell_apart_is_said_before_and_after(capfd):
-    """With the option that would, which then does: half a second is enough for it."""
-    unseen: dict[str, Any] = {"sense": "task", "duration": 0.4, "fail": ["motor1:locked@0.3"]}
-    one = tracked(PLATFORM, **unseen)
-    advised = "motor1 locked may not be found: by the linear model --dither default isolates it"
+def test_failure_that_is_not_isolable_is_reported_before_and_after(capfd):
+    """The advised option isolates the failure, for which half a second is enough."""
+    unisolable: dict[str, Any] = {"sense": "task", "duration": 0.4, "fail": ["motor1:locked@0.3"]}
+    one = tracked(PLATFORM, **unisolable)
+    advised = (
+        "motor1 locked may not be identified: by the linear model --dither default tells it apart"
+    )
     assert capfd.readouterr().err == f"fjh: {advised}\n"
-    assert one.found["advice"] == [advised.replace("may not be found", "was not diagnosed")]
-    with_it = tracked(PLATFORM, **unseen, dither="default").settings["dither"]
-    assert {"actuator": "motor1", "kind": "locked"} in with_it["isolable"]
+    assert one.overall["advice"] == [advised.replace("may not be identified", "was not diagnosed")]
+    improved = tracked(PLATFORM, **unisolable, dither="default").settings["dither"]
+    assert {"actuator": "motor1", "kind": "locked"} in improved["isolable"]
     with pytest.raises(WrongInput, match="the major task leaves no motion for a dither"):
         tracked(PLATFORM, major="2,3,4", dither="designed")
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("named", "why"),
+    ("identified", "why"),
     [
         (DiagnosedFailure("motor4", "locked", 0.2, None), None),
         (
@@ -190,53 +196,55 @@ def test_what_the_diagnosis_cannot_tell_apart_is_said_before_and_after(capfd):
         ),
     ],
 )
-def test_a_run_that_named_what_had_not_failed_is_not_compared(named, why):
-    """Nor one that took a lock for a weakness; each says so."""
+def test_run_with_a_false_diagnosis_is_not_compared(identified, why):
+    """A run with a lock diagnosed as weak is not compared either; the reason is reported."""
     rig, failure = rig_of("arm", crossover=0.7), Failure(3, "locked", 0.1)
     run = rig.fly(rig.controller(), rig.path("circle", duration_s=0.3, turn_s=1.0))
-    run = replace(run, diagnoses=(named,), failures=(failure,))
+    run = replace(run, diagnoses=(identified,), failures=(failure,))
     predicted = rig.predict(run.desired, failures=[failure])
-    said = uncompared(rig, run, predicted)
-    assert said is None if why is None else said is not None and said.startswith(why)
-    ours = Flown(rig, run, None, None, (), predicted, predicted)
-    assert np.isfinite(agreement(ours, rows_of(ours))["prediction_off_after"]) == (why is None)
+    message = uncompared(rig, run, predicted)
+    assert message is None if why is None else message is not None and message.startswith(why)
+    runs = TrackedRuns(rig, run, None, None, (), predicted, predicted)
+    assert np.isfinite(compare_prediction(runs, rows_of(runs))["prediction_off_after"]) == (
+        why is None
+    )
 
 
 def panda(folder: Path, upper: str = "1.7628") -> Path:
-    """A Panda whose second joint has this upper end of its stated range."""
+    """Write a Panda whose second joint has this upper limit."""
     file = folder / f"panda{upper}.xml"
     file.write_text(PANDA.replace("-1.7628 1.7628", f"-1.7628 {upper}"))
     return file
 
 
 @pytest.mark.long
-def test_no_command_leaves_a_limit_that_binds_and_other_joints_do_the_task(tmp_path):
-    """Within 1 % of the path; commands beyond the range, which the servo clips, do far worse."""
+def test_commands_respect_an_active_limit_and_other_joints_do_the_task(tmp_path):
+    """The error is within 1 % of the path; with commands clipped by the servo it is far larger."""
     quiet: dict[str, Any] = {"site": "hand", "major": "3,4,5", "crossover": 0.5, "size": 2e-3}
     quiet |= {"turn": 1.0, "noise": 1e-6, "duration": 0.6}
     wide, tight = panda(tmp_path), panda(tmp_path, "0.0002")
     clipping: dict[str, Any] = {"limits": "none", "diagnosis": "off"}
-    found = [tracked(wide, **quiet), tracked(tight, **quiet), tracked(tight, **quiet, **clipping)]
-    free, held, clipped = map(run_of, found)
+    results = [tracked(wide, **quiet), tracked(tight, **quiet), tracked(tight, **quiet, **clipping)]
+    free, tight_run, clipped = map(run_of, results)
     assert free["inputs"][:, 1].max() > 3e-4
-    assert held["inputs"][:, 1].max() == pytest.approx(2e-4, abs=1e-9)
-    error = [np.sqrt(((r["desired"] - r["true"]) ** 2).mean()) for r in (free, held, clipped)]
+    assert tight_run["inputs"][:, 1].max() == pytest.approx(2e-4, abs=1e-9)
+    error = [np.sqrt(((r["desired"] - r["true"]) ** 2).mean()) for r in (free, tight_run, clipped)]
     assert error[0] < error[1] < 0.01 * 2e-3
     assert error[2] > 10 * error[1]
 
 
-def cause(rig: Rig, run: Run, told: bool = True) -> str | None:
-    return limited_by(rig, run, predictor(rig, run, None)(told=told))
+def cause(rig: Rig, run: Run, informed: bool = True) -> str | None:
+    return limited_by(rig, run, predictor(rig, run, None)(told=informed))
 
 
 QUIET: dict[str, Any] = {"noise": 1e-6}
 STEPS: dict[str, Any] = QUIET | {"path": "steps", "size": 0.1}
-"""Of a tenth of a metre: they take more torque than the servos have."""
+"""Steps of 0.1 m, which need more torque than the servos have."""
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("joint", "torque", "options", "said"),
+    ("joint", "torque", "options", "message"),
     [
         ("", 1.0, {"noise": 1e-3}, "Most of the error is from noise of the sensors, which the"),
         ("", 1.0, {"noise": 1e-12}, None),
@@ -245,19 +253,21 @@ STEPS: dict[str, Any] = QUIET | {"path": "steps", "size": 0.1}
         ('frictionloss="2"', 1.0, QUIET, r"Most of the error is from dry friction in the joints"),
     ],
 )
-def test_each_cause_of_an_error_is_named_where_it_is(tmp_path, joint, torque, options, said):
-    """In a run of a second of a Panda-like arm, with so many times its torque."""
+def test_dominant_cause_of_the_error_is_identified(tmp_path, joint, torque, options, message):
+    """Run a Panda-like arm for a second, with its torque multiplied by a factor."""
     servos = [(kp, kv, torque * most) for kp, kv, most in SERIAL["panda"].servos]
     file = replace(SERIAL["panda"], servos=servos).write(tmp_path / "panda.xml", joint)
-    how = {"site": "tool", "major": [3, 4, 5], "crossover": 0.13} | options
-    path = how.pop("path", "circle")
-    rig = Rig.of_mjcf(file, **how)
-    found = cause(rig, rig.fly(rig.controller(), rig.path(path, duration_s=1.0, turn_s=2.0)))
-    assert found is None if said is None else found is not None and re.match(said, found)
+    settings = {"site": "tool", "major": [3, 4, 5], "crossover": 0.13} | options
+    path = settings.pop("path", "circle")
+    rig = Rig.of_mjcf(file, **settings)
+    results = cause(rig, rig.fly(rig.controller(), rig.path(path, duration_s=1.0, turn_s=2.0)))
+    assert (
+        results is None if message is None else results is not None and re.match(message, results)
+    )
 
 
 @pytest.mark.long
-def test_a_late_diagnosis_is_named_after_a_lock_in_full_motion(tmp_path, monkeypatch):
+def test_late_diagnosis_is_identified_as_cause_after_a_lock_in_motion(tmp_path, monkeypatch):
     monkeypatch.setattr(ErrorPrediction, "should_switch", lambda *_: True)
     rig = Rig.of_mjcf(SERIAL["panda"].write(tmp_path / "panda.xml"), site="tool", major=[3, 4, 5])
     path = rig.path("circle", duration_s=2.0, turn_s=2.0)
@@ -266,27 +276,27 @@ def test_a_late_diagnosis_is_named_after_a_lock_in_full_motion(tmp_path, monkeyp
     assert [each.actuator for each in run.diagnoses] == ["servo4"]
     late = "After the failure most of the error is from the time until it was diagnosed."
     assert cause(rig, run) == late
-    unaware = rig.fly(rig.controller(), path, failures=stuck)
-    assert cause(rig, unaware, told=False) != late
+    undiagnosed = rig.fly(rig.controller(), path, failures=stuck)
+    assert cause(rig, undiagnosed, informed=False) != late
 
 
 @pytest.mark.long
-def test_events_are_said_and_held_to_no_linear_model():
+def test_events_are_reported_and_not_compared_with_the_linear_model():
     events = ["hard_over:joint2@0.3", "bump@0.2", "late@0.35"]
     pushed = tracked(ARM, duration=0.4, event=events, diagnosis="off", fail=["motor4:locked@0.32"])
-    found = pushed.found
-    said = "bump at 0.2 s, motor2 hard_over at 0.3 s, motor4 locked at 0.32 s, late at 0.35 s"
-    assert f"after {said} the RMS error is" in found["verdict"]
+    results = pushed.overall
+    message = "bump at 0.2 s, motor2 hard_over at 0.3 s, motor4 locked at 0.32 s, late at 0.35 s"
+    assert f"after {message} the RMS error is" in results["verdict"]
     run = run_of(pushed)
-    before = (run["desired"] - run["true"])[:200]
-    np.testing.assert_allclose(found["rms_before"], np.sqrt((before**2).mean(axis=0)))
-    assert found["prediction_off_before"] < 0.1
-    assert found["predicted_rms_after"] is found["predicted_rms_after_when_named"] is None
-    assert found["uncompared"].startswith("the linear model does not include bump")
-    assert found["rms_after"][0] > 10 * found["rms_before"][0]
+    error_before = (run["desired"] - run["true"])[:200]
+    np.testing.assert_allclose(results["rms_before"], np.sqrt((error_before**2).mean(axis=0)))
+    assert results["prediction_off_before"] < 0.1
+    assert results["predicted_rms_after"] is results["predicted_rms_after_when_named"] is None
+    assert results["uncompared"].startswith("the linear model does not have bump")
+    assert results["rms_after"][0] > 10 * results["rms_before"][0]
 
 
-ASKED = {
+INVALID = {
     "--fail joint2:locked": "NAME:KIND@SECONDS",
     "--fail joint2:locked@9": "--fail must be before the run ends at",
     "--fail joint2:locked@0.1 --fail joint2:free@0.2": "each actuator once",
@@ -298,11 +308,11 @@ ASKED = {
 }
 
 
-@pytest.mark.parametrize("words", ASKED)
-def test_what_cannot_be_done_is_refused_in_one_sentence(words, capfd, tmp_path):
-    file, out = panda(tmp_path, "0.0002") if "hand" in words else ARM, tmp_path / "out"
-    usual = ("track", str(file), "--crossover", "0.5", "--duration", "0.4", "--out", str(out))
-    assert main([*usual, *words.split()]) == 2
-    said = capfd.readouterr().err
-    assert said.startswith("fjh: ") and ASKED[words] in said and said.count("\n") == 1
+@pytest.mark.parametrize("line", INVALID)
+def test_impossible_requests_are_rejected_in_one_sentence(line, capfd, tmp_path):
+    file, out = panda(tmp_path, "0.0002") if "hand" in line else ARM, tmp_path / "out"
+    common = ("track", str(file), "--crossover", "0.5", "--duration", "0.4", "--out", str(out))
+    assert main([*common, *line.split()]) == 2
+    message = capfd.readouterr().err
+    assert message.startswith("fjh: ") and INVALID[line] in message and message.count("\n") == 1
     assert not out.exists()

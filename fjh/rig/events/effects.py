@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 import argument_checks as check
-from fjh.study.spelling import nearest
+from fjh.study.input_checks import nearest
 
 if TYPE_CHECKING:
     from fjh.rig.events.hooks import Target

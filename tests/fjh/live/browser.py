@@ -1,4 +1,4 @@
-"""The command as a process of its own, and its page in a browser that nobody sees."""
+"""Fixtures of the command as a process, and of its page in a headless browser."""
 
 import re
 import shutil
@@ -21,93 +21,95 @@ FLAGS = (
     *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
 )
 SMALL: ViewportSize = {"width": 800, "height": 420}
-"""Of a window: what is drawn without a graphics card costs time by the pixel."""
+"""Small window: without a graphics card rendering time is proportional to the pixels."""
 _SELDOM = """
 const next = window.requestAnimationFrame.bind(window);
 window.requestAnimationFrame = draw => setTimeout(() => next(draw), {});
 window.cancelAnimationFrame = clearTimeout;
 """
-"""A picture in so many ms leaves the processor to the machines."""
+"""Script that limits the frame rate, so that the processor is free for the simulation."""
 _PATIENCE_S = 120.0
 _LONG_S = 3.0
-"""Longer than a click takes: after it, new machines are younger than the former ones were."""
-_SAID = re.compile(
+"""Simulated time [s] after which new machines have a smaller time than the former ones."""
+_TEXT_PATTERN = re.compile(
     r"([\d.]+) s, [\d.]+ of real time\n+State: (.*)\n+supervised [^\n]* RMS\n(.*)\n+"
     r"not supervised [^\n]* RMS\n.*\n+(?:(.*)\n+)?Error, %"
 )
 
 
 @dataclass(frozen=True)
-class Said:
-    """Time of the machines, what happens, what the supervised one believes, the last click."""
+class PageText:
+    """Text of the page: time, active failures and events, diagnosis, and the last message."""
 
     clock_s: float
-    happens: str
+    active: str
     supervised: str
     last: str
 
-    def named(self, actuator: str) -> list[str]:
-        """What kinds an actuator is taken for, such as free or weak."""
-        found = re.match(rf"{actuator} is ([\w ]+)", self.supervised, re.IGNORECASE)
-        return found[1].split(" or ") if found else []
+    def diagnosed_kinds(self, actuator: str) -> list[str]:
+        """Return the diagnosed kinds of failure of an actuator, such as free or weak."""
+        matched = re.match(rf"{actuator} is ([\w ]+)", self.supervised, re.IGNORECASE)
+        return matched[1].split(" or ") if matched else []
 
 
-class Seen:
-    """A page of a browser, by what a person sees of it and does with it."""
+class BrowserPage:
+    """Page in a browser, with the actions of a user."""
 
     def __init__(self, page: Page, url: str, picture_s: float = 1.0) -> None:
-        """Open the page and wait until the machines move; it draws at most so often."""
+        """Open the page and wait until the machines move; `picture_s` is the time of a frame."""
         self.page = page
         page.set_default_timeout(1e3 * _PATIENCE_S)
         page.add_init_script(_SELDOM.format(round(1e3 * picture_s)))
         page.goto(url)
-        self.until(lambda said: said.clock_s > 0)
+        self.until(lambda page_text: page_text.clock_s > 0)
 
-    def until(self, holds: Callable[[Said], bool]) -> Said:
-        """What it says when something holds of it."""
+    def until(self, holds: Callable[[PageText], bool]) -> PageText:
+        """Wait until a condition holds for the page's text; return the text."""
         end = time.monotonic() + _PATIENCE_S
         while True:
             text = self.page.locator("body").inner_text()
-            if found := _SAID.search(text):
-                clock_s, happens, supervised, last = found.groups(default="")
-                said = Said(float(clock_s), happens, supervised, last)
-                if holds(said):
-                    return said
+            if matched := _TEXT_PATTERN.search(text):
+                clock_s, active, supervised, last = matched.groups(default="")
+                page_text = PageText(float(clock_s), active, supervised, last)
+                if holds(page_text):
+                    return page_text
             assert time.monotonic() < end, f"the page still says {text}"
             self.page.wait_for_timeout(50)
 
     def make(self, actuator: str, word: str) -> None:
-        """Click a word beside the name of an actuator."""
-        self.beside(actuator).get_by_role("button", name=word, exact=True).click()
+        """Click a button of an actuator."""
+        self.row_of(actuator).get_by_role("button", name=word, exact=True).click()
 
-    def beside(self, label: str) -> Locator:
-        """The row of a label."""
+    def row_of(self, label: str) -> Locator:
+        """Return the row with a label."""
         name = self.page.get_by_text(label, exact=True)
         return name.locator("xpath=ancestor::div[.//button or .//input][1]")
 
     def click(self, button: str) -> None:
-        """A button."""
+        """Click a button."""
         self.page.get_by_role("button", name=button, exact=True).click()
 
     def tick(self, box: str) -> None:
-        """A box, which changes."""
+        """Toggle a checkbox."""
         self.page.get_by_label(box, exact=True).click()
 
     def field(self, slider: str) -> Locator:
-        """Where its number is written."""
-        return self.beside(slider).locator("input[inputmode=decimal]")
+        """Return the number field of a slider."""
+        return self.row_of(slider).locator("input[inputmode=decimal]")
 
-    def renew(self) -> Said:
-        """New machines, when the diagnosis has learned what they are like."""
-        before = self.until(lambda said: said.clock_s > _LONG_S).clock_s
+    def renew(self) -> PageText:
+        """Replace the machines and wait until the diagnosis has learned them."""
+        former = self.until(lambda page_text: page_text.clock_s > _LONG_S).clock_s
         self.click("New machines")
-        self.until(lambda said: said.clock_s < before)
-        return self.until(lambda said: said.supervised == "All actuators are assumed healthy.")
+        self.until(lambda page_text: page_text.clock_s < former)
+        return self.until(
+            lambda page_text: page_text.supervised == "All actuators are assumed healthy."
+        )
 
 
 @contextmanager
 def browsed() -> Iterator[Browser]:
-    """A browser."""
+    """Start a browser."""
     program = shutil.which("chromium")
     assert program, "Chromium is not installed: apt-get install chromium"
     with sync_playwright() as playwright:
@@ -116,34 +118,38 @@ def browsed() -> Iterator[Browser]:
         browser.close()
 
 
-def live(folder: Path, *words: str) -> "subprocess.Popen[str]":
-    """`fjh live` with these words."""
-    return started("-m", "experiments", "live", *words, "--out", str(folder))
+def live(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
+    """Start `fjh live` with these arguments."""
+    return started("-m", "experiments", "live", *arguments, "--out", str(folder))
 
 
 @contextmanager
-def served(folder: Path, *words: str) -> "Iterator[tuple[subprocess.Popen[str], str]]":
-    """The command and the address of its page, from when it is there to the end of the block."""
-    process = live(folder, *words)
+def served(folder: Path, *arguments: str) -> "Iterator[tuple[subprocess.Popen[str], str]]":
+    """Serve the page during the block; yield the process and the address."""
+    process = live(folder, *arguments)
     try:
         assert process.stdout and process.stderr
         line = process.stdout.readline()
-        found = re.search(r"http://127\.0\.0\.1:\d+", line)
-        assert found, line + process.stderr.read()
-        yield process, found[0]
+        matched = re.search(r"http://127\.0\.0\.1:\d+", line)
+        assert matched, line + process.stderr.read()
+        yield process, matched[0]
     finally:
         process.kill()
         process.communicate()
 
 
 def free_port() -> int:
-    """Where nobody listens."""
+    """Return a free port."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
 
 
 def listens(process: int) -> list[tuple[str, int]]:
-    """Addresses and ports at which a process listens."""
-    found = psutil.Process(process).net_connections("inet")
-    return [each.laddr[:2] for each in found if each.status == psutil.CONN_LISTEN]
+    """Return addresses and ports at which a process listens."""
+    connections = psutil.Process(process).net_connections("inet")
+    return [
+        connection.laddr[:2]
+        for connection in connections
+        if connection.status == psutil.CONN_LISTEN
+    ]

@@ -1,4 +1,4 @@
-"""What the tests of the page share."""
+"""Fixtures of the tests of the page."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,14 +13,14 @@ from tests.fjh.rigs import rig
 
 @pytest.fixture(scope="module")
 def alone(shared: Path) -> Iterator[None]:
-    """One browser at a time: without a graphics card it takes a core for itself."""
+    """Allow one browser at a time: without a graphics card it uses a whole core."""
     with FileLock(shared / "browser.lock"):
         yield
 
 
 @pytest.fixture(scope="module")
 def served_page(tmp_path_factory) -> Iterator[Page]:
-    """A page of the hexapod, with its server in this process."""
+    """Page of the hexapod, with its server in this process."""
     server = LocalServer(free_port())
     yield Page(server, rig("hexapod"), tmp_path_factory.mktemp("out"), seed=0)
     server.stop()
@@ -28,6 +28,6 @@ def served_page(tmp_path_factory) -> Iterator[Page]:
 
 @pytest.fixture
 def page(served_page: Page) -> Page:
-    """That, its machines new."""
+    """The served page with new machines."""
     served_page.session.restart()
     return served_page

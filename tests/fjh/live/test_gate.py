@@ -1,4 +1,4 @@
-"""Only the page that is served presses its buttons, and nothing that is sent does any harm."""
+"""Only the served page can use its buttons, and invalid messages have no effect."""
 
 import socket
 import time
@@ -16,7 +16,7 @@ from fjh.live.page import Page
 
 
 def connected(page: Page, origin: str | None, host: str = "127.0.0.1") -> ClientConnection:
-    """A client that says it is of a page, and that it was told a host's name."""
+    """Connect a client with a stated origin and host."""
     port = page._server.get_port()
     place = socket.create_connection(("127.0.0.1", port))
     said = None if origin is None else Origin(origin.format(port=port))
@@ -37,14 +37,14 @@ def connected(page: Page, origin: str | None, host: str = "127.0.0.1") -> Client
         ("http://example.org:{port}", "example.org"),
     ],
 )
-def test_a_page_of_another_origin_or_name_is_refused(page, capfd, origin, host):
+def test_page_of_another_origin_or_name_is_rejected(page, capfd, origin, host):
     with pytest.raises(InvalidStatus, match="403"):
         connected(page, origin, host)
     assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
-def test_the_page_that_is_served_is_taken(page, host):
+def test_served_page_is_accepted(page, host):
     with connected(page, f"http://{host}:{{port}}", host) as client:
         assert client.recv(timeout=10)
         client.send(b"0" * 100_000)  # it ends the connection, and nothing else
@@ -65,25 +65,25 @@ def updated(uuid: str, **updates: Any) -> dict[str, Any]:
     return {"type": "GuiUpdateMessage", "uuid": uuid, "updates": updates}
 
 
-def test_what_is_no_value_is_refused_and_what_is_beyond_a_range_is_clamped(page, capfd):
-    """Each kind of element by each kind of wrong value, then one right click as ever."""
+def test_invalid_values_are_rejected_and_values_beyond_a_range_clamped(page, capfd):
+    """Every kind of element gets every kind of invalid value, then a valid click."""
     handles = page._server.gui._gui_input_handle_from_uuid
     group, weight, times = (
         next(uuid for uuid, h in handles.items() if getattr(h, "label", "") == label)
         for label in ("strut2", "W1 strut3", "motion times")
     )
-    before = {uuid: handle.value for uuid, handle in handles.items()}
+    former = {uuid: handle.value for uuid, handle in handles.items()}
     with connected(page, "http://127.0.0.1:{port}") as client:
 
         def send(message: Any) -> None:
             raw = message if isinstance(message, str | bytes) else msgspec.msgpack.encode(message)
             client.send(raw)
 
-        for wrong in (
+        for invalid in (
             *({"position": (np.nan, 0, 0)}, {"wxyz": (0, 0, 0, 0)}, {"fov": "wide"}),
             *({"image_height": 0}, {"look_at": (1, 2)}, {"position": (0, 0, 0)}, {"more": 1}, {}),
         ):
-            send(CAMERA | wrong)
+            send(CAMERA | invalid)
         for uuid in handles:
             for value in NO_VALUES:
                 send(updated(uuid, value=value))
@@ -100,10 +100,10 @@ def test_what_is_no_value_is_refused_and_what_is_beyond_a_range_is_clamped(page,
         until(page, lambda: page.session.states[1] == "free")
         until(page, lambda: page._stage.factor == handles[times].max)
         until(page, lambda: page.session.goal.joint_weight == (1.0, 1.0, 0.1, 1.0, 1.0, 1.0))
-    changed = {uuid for uuid, handle in handles.items() if handle.value != before[uuid]}
+    changed = {uuid for uuid, handle in handles.items() if handle.value != former[uuid]}
     assert changed == {group, weight, times}
     page.show()
-    assert handles[group].options == ("sound", "lock", "● free", "weak")
+    assert handles[group].options == ("healthy", "lock", "● free", "weak")
     assert capfd.readouterr() == ("", "")
 
 

@@ -1,4 +1,4 @@
-"""The clock of the page, and the clicks that are done between two ticks."""
+"""Clock of the page, and clicks between two ticks."""
 
 import numpy as np
 import pytest
@@ -8,40 +8,40 @@ from fjh.study.errors import WrongInput
 from sim import ModelError, SimulationDiverged
 
 
-def test_every_click_is_done_within_five_ticks_of_simulated_time(page: Page, monkeypatch):
-    """Clicked while the machines move: at the first tick of each batch."""
-    advance, asked, done = page.session.advance, list[int](), list[int]()
+def test_clicks_are_carried_out_within_five_ticks(page: Page, monkeypatch):
+    """Clicks come during the simulation, at the first tick of each batch."""
+    advance, start_ticks, done = page.session.advance, list[int](), list[int]()
 
     def clicked(ticks: int) -> int:
-        asked.append(page.session.tick)
+        start_ticks.append(page.session.tick)
         page._clicks.put(lambda: done.append(page.session.tick))
         return advance(ticks)
 
     monkeypatch.setattr(page.session, "advance", clicked)
     page.advance(0.043, until=np.inf)
-    assert len(done) == len(asked) >= 8
-    assert all(0 < then - at <= 5 for at, then in zip(asked, done, strict=True))
+    assert len(done) == len(start_ticks) >= 8
+    assert all(0 < then - at <= 5 for at, then in zip(start_ticks, done, strict=True))
 
 
-def test_a_clock_that_is_late_lets_go(page):
-    """Nothing is done after the time of a frame; a second that is short is not made up for."""
+def test_delay_of_the_clock_is_not_caught_up(page):
+    """No tick is simulated after the time of a frame; a delay of a second is not caught up."""
     assert page.advance(1.0, until=-np.inf) == 0.0
-    begin = page.session.tick
+    start = page.session.tick
     assert page.advance(0.003, until=np.inf) == pytest.approx(0.003)
-    assert page.session.tick == begin + 3
+    assert page.session.tick == start + 3
 
 
 @pytest.mark.parametrize("error", [ModelError("no lock"), WrongInput("no"), OSError("disk full")])
-def test_a_click_that_is_refused_is_said_and_the_machines_go_on(page, error):
+def test_failed_click_is_reported_and_simulation_continues(page, error):
     def refuse() -> None:
         raise error
 
     page._clicks.put(refuse)
     assert page.advance(0.005, until=np.inf) == pytest.approx(0.005)
-    assert page._panel.said == str(error)
+    assert page._panel.message == str(error)
 
 
-def test_machines_that_diverge_are_replaced_and_the_page_says_why(page, monkeypatch):
+def test_diverged_machines_are_replaced_with_a_message(page, monkeypatch):
     def diverge(ticks: int) -> int:
         monkeypatch.undo()
         raise SimulationDiverged(0.1, np.zeros(3))
@@ -50,11 +50,11 @@ def test_machines_that_diverge_are_replaced_and_the_page_says_why(page, monkeypa
     monkeypatch.setattr(page.session, "advance", diverge)
     page.advance(0.005, until=np.inf)
     assert page.session.states == ["sound"] * 6 and page.session.tick == 5
-    assert "these are new machines" in page._panel.said
+    assert "these are new machines" in page._panel.message
 
 
 def test_neither_a_tunnel_nor_a_port_of_another_program_is_opened(page):
-    """When a client clicks on sharing, viser asks this method, which opens none."""
+    """The method that viser calls when a client clicks on sharing opens no tunnel."""
     assert page._server.request_share_url() is None
     with pytest.raises(WrongInput, match="another program listens there; leave --port out"):
         LocalServer(page._server.get_port())

@@ -1,1 +1,1 @@
-"""One machine in the loop, and its recordings."""
+"""Tests of recordings of a machine in its loop."""

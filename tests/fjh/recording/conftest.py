@@ -1,4 +1,4 @@
-"""Runs that several modules read back."""
+"""Recordings of runs for several test modules."""
 
 import os
 from pathlib import Path
@@ -18,7 +18,7 @@ NEEDS_DRIVER = pytest.mark.skipif(
 )
 
 
-class Kept(NamedTuple):
+class Recorded(NamedTuple):
     """A recording, its rig and its run."""
 
     file: Path
@@ -27,20 +27,20 @@ class Kept(NamedTuple):
 
 
 @pytest.fixture(scope="session")
-def kept(tmp_path_factory) -> Kept:
-    """An arm, of no file of `models/`, whose second motor locks on the way; and its recording."""
+def recorded(tmp_path_factory) -> Recorded:
+    """Recording of an arm, not of `models/`, whose second motor locks during the run."""
     folder = tmp_path_factory.mktemp("run")
     (folder / "own.xml").write_text((MODELS / "arm.xml").read_text() + "\n")
     rig = fjh.Rig.of_mjcf(folder / "own.xml", major=[3, 4], size=0.02, crossover=0.7)
     path = rig.path("circle", duration_s=0.3, turn_s=0.3)
     run = rig.fly(rig.controller(), path, failures=[fjh.Failure("motor2", "locked", 0.1)])
     fjh.record(folder / "new" / "run.rrd", rig, run)
-    return Kept(folder / "new" / "run.rrd", rig, run)
+    return Recorded(folder / "new" / "run.rrd", rig, run)
 
 
 @pytest.fixture(scope="session")
 def made(tmp_path_factory) -> Path:
-    """The folder of a run of the hexapod that no simulation made."""
+    """Folder of a synthetic run of the hexapod."""
     folder = tmp_path_factory.mktemp("made")
     keep_made(folder)
     return folder

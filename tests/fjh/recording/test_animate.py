@@ -1,4 +1,4 @@
-"""Runs as an animation: frames of the viewer, from shortly before the first failure."""
+"""Animations of runs, with frames from shortly before the first failure."""
 
 import numpy as np
 import pytest
@@ -11,10 +11,12 @@ from tests.fjh.recording.conftest import NEEDS_DRIVER
 
 @pytest.mark.long
 @NEEDS_DRIVER
-def test_two_runs_are_columns_of_a_small_animation_that_repeats(made, kept, tmp_path, monkeypatch):
+def test_two_runs_are_columns_of_a_small_animation_that_repeats(
+    made, recorded, tmp_path, monkeypatch
+):
     monkeypatch.setattr(animate, "FRAMES", 3)
     out = tmp_path / "new" / "run.gif"
-    runs = [str(made / "made.npz"), str(kept.file.with_suffix(".npz"))]
+    runs = [str(made / "made.npz"), str(recorded.file.with_suffix(".npz"))]
     assert main(["animate", *runs, "--out", str(out)]) == 0
     assert [path.name for path in out.parent.iterdir()] == ["run.gif"]
     with Image.open(out) as animation:

@@ -1,4 +1,4 @@
-"""The file of a recording: its identity, its times, and what its writer complains of."""
+"""File of a recording: identity, times, and errors of the writer."""
 
 import re
 from dataclasses import replace
@@ -11,8 +11,8 @@ from fjh.recording.file import RecordingInfo, log_series, recording_file, screen
 from fjh.study.files import published
 
 
-def test_recordings_that_differ_are_two_to_the_viewer():
-    """It merges those of one identity."""
+def test_different_recordings_have_different_identities():
+    """The viewer merges recordings of one identity."""
     one = RecordingInfo("table1-W_a-seed0", "W_a", "notes", {"seed": 0})
     assert one.identity == replace(one).identity
     assert one.identity != replace(one, notes="others").identity
@@ -20,8 +20,8 @@ def test_recordings_that_differ_are_two_to_the_viewer():
     assert re.fullmatch(r"[\w-]+", replace(one, recording_id="a/b c.d").identity)
 
 
-def test_what_the_writer_complains_of_is_an_error_and_leaves_nothing(tmp_path):
-    """Strict mode: three times and two values would else be a warning, and no data."""
+def test_error_of_the_writer_leaves_no_file(tmp_path):
+    """Without strict mode, three times with two values are only a warning, without data."""
     about = RecordingInfo("x", "x", "notes", {"seed": 0})
     nothing = screen(rrb.Horizontal(rrb.TextDocumentView(origin="notes")))
     with (

@@ -1,4 +1,4 @@
-"""Motion as it is drawn against MuJoCo's."""
+"""Drawn motion against MuJoCo's."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -7,8 +7,8 @@ from fjh.recording.motion import hexapod_mover, magnified, motion_of
 from sim import Plant, Pose
 
 
-def test_the_hexapod_is_drawn_where_the_physics_has_it(model):
-    """After a step of the plant, from the payload's pose alone; flexures twist by some mrad."""
+def test_hexapod_is_drawn_at_its_simulated_pose(model):
+    """Bodies are drawn from the payload's pose after a step; flexures twist by some mrad."""
     plant = Plant(model)
     plant.step(1e-4 * np.array([4, -2, 3, -6, 2, -3]), 1.0)
     pose, data = plant.pose(), plant.data
@@ -20,7 +20,7 @@ def test_the_hexapod_is_drawn_where_the_physics_has_it(model):
     np.testing.assert_allclose(placed, data.geom_xpos, atol=1e-4)
 
 
-def test_a_magnified_motion_moves_and_turns_so_many_times_as_far(model):
+def test_magnified_motion_has_scaled_translations_and_rotations(model):
     start, later = (model.qpos0 + 1e-3 * k * np.sin(np.arange(model.nq)) for k in (0, 1))
     nominal, motion = motion_of(model, start[None]), motion_of(model, later[None])
     larger = magnified(motion, nominal, 5.0)

@@ -1,4 +1,4 @@
-"""A run read back is a run, or a sentence says why; no file at all: test_broken_files.py."""
+"""A run read back is valid or rejected in one sentence; missing files: test_broken_files.py."""
 
 import json
 import re
@@ -17,22 +17,22 @@ from fjh.study.files import write_arrays
 from tests.made import made_run
 
 
-def test_a_run_read_back_is_shown_as_it_was(kept):
-    file, rig, run = kept
+def test_run_read_back_has_the_same_view(recorded):
+    file, rig, run = recorded
     read, view = read_run(file.with_suffix(".npz")).view, view_of(rig, run)
     assert (read.stated, read.factor) == (view.stated, view.factor)
     for name, values in view.arrays.items():
         np.testing.assert_array_equal(read.arrays[name], values)
     displacements, qpos = (run.arrays[name][[0, 299]] for name in ("task", "qpos"))
-    own, other = (each.motion(displacements, qpos, 3.0) for each in (read, view))
-    np.testing.assert_array_equal(own.position_m, other.position_m)
+    restored, other = (each.motion(displacements, qpos, 3.0) for each in (read, view))
+    np.testing.assert_array_equal(restored.position_m, other.position_m)
 
 
 SHAPE = "must be float64 of shape"
 
 
 @pytest.mark.parametrize(
-    ("signal", "spoil", "said"),
+    ("signal", "spoil", "message"),
     [
         *((signal, lambda values: values[:-1], SHAPE) for signal in PUBLISHED.values()),
         ("strut_input_percent", lambda values: values[:, :4], "(400, 6), got float64"),
@@ -45,17 +45,17 @@ SHAPE = "must be float64 of shape"
         ("", lambda values: values[:1], "two ticks at least"),
     ],
 )
-def test_arrays_that_are_no_run_are_refused(tmp_path, signal, spoil, said):
+def test_invalid_arrays_are_rejected(tmp_path, signal, spoil, message):
     arrays = hexapod_arrays(made_run())
-    spoilt = {name: spoil(values) for name, values in arrays.items() if signal in ("", name)}
-    write_arrays(path := tmp_path / "run.npz", arrays | spoilt)
-    with pytest.raises(WrongInput, match=re.escape(said)) as refused:
+    wrong = {name: spoil(values) for name, values in arrays.items() if signal in ("", name)}
+    write_arrays(path := tmp_path / "run.npz", arrays | wrong)
+    with pytest.raises(WrongInput, match=re.escape(message)) as error:
         read_run(path)
-    assert str(refused.value).startswith(f"{path} is not a complete run: ")
+    assert str(error.value).startswith(f"{path} is not a complete run: ")
 
 
 @pytest.mark.parametrize(
-    "spoilt",
+    "wrong",
     [
         {"actuators": None},
         {"actuators": ["motor1", "motor2"]},
@@ -71,32 +71,32 @@ def test_arrays_that_are_no_run_are_refused(tmp_path, signal, spoil, said):
         {"diagnoses": [{"actuator": "motor1", "kind": "locked", "time_s": float("nan")}]},
     ],
 )
-def test_what_a_recording_states_of_its_run_is_checked(kept, monkeypatch, spoilt):
-    properties, results = reading.groups_of(kept.file)
-    stated = json.dumps(json.loads(properties["flight"]) | spoilt)
+def test_statement_of_a_recording_is_checked(recorded, monkeypatch, wrong):
+    properties, results = reading.groups_of(recorded.file)
+    stated = json.dumps(json.loads(properties["flight"]) | wrong)
     monkeypatch.setattr(reading, "groups_of", lambda _: [{"flight": stated}, results])
     with pytest.raises(WrongInput, match=r"run\.npz and run\.rrd are not a run: [^\n]*$"):
-        read_run(kept.file.with_suffix(".npz"))
+        read_run(recorded.file.with_suffix(".npz"))
 
 
 @pytest.mark.parametrize("stated", ["", "[]", "3", '{"robot": "arm"}'])
-def test_a_recording_of_an_earlier_version_is_one_sentence(made, monkeypatch, stated):
-    found = [{"flight": stated, "marks": "[]"}, {}]
-    monkeypatch.setattr(reading, "groups_of", lambda path: found)
+def test_recording_of_an_earlier_version_is_rejected_in_one_sentence(made, monkeypatch, stated):
+    properties = [{"flight": stated, "marks": "[]"}, {}]
+    monkeypatch.setattr(reading, "groups_of", lambda path: properties)
     with pytest.raises(WrongInput, match=r"made\.rrd was recorded by an earlier version"):
         read_run(made / "made.npz")
 
 
-def test_a_robots_run_without_its_recording_is_one_sentence(kept, tmp_path):
-    shutil.copy(kept.file.with_suffix(".npz"), tmp_path)
+def test_run_of_a_robot_without_recording_is_rejected_in_one_sentence(recorded, tmp_path):
+    shutil.copy(recorded.file.with_suffix(".npz"), tmp_path)
     with pytest.raises(WrongInput, match=r"run\.npz cannot be read without run\.rrd[^\n]*$"):
         read_run(tmp_path / "run.npz")
 
 
 @pytest.mark.parametrize("robot", ["hexapod", "arm"])
-def test_a_recording_of_another_run_is_noticed(kept, made, tmp_path, robot):
-    """Its marks and parameters would be told of this one."""
-    file, name = (made / "made.rrd", "true_rad") if robot == "hexapod" else (kept.file, "true")
+def test_recording_of_another_run_is_rejected(recorded, made, tmp_path, robot):
+    """The marks and parameters of the recording would not belong to the data."""
+    file, name = (made / "made.rrd", "true_rad") if robot == "hexapod" else (recorded.file, "true")
     with np.load(file.with_suffix(".npz")) as arrays:
         changed = dict(arrays) | {name: arrays[name] + 1e-12}
     write_arrays(tmp_path / f"{file.stem}.npz", changed)
@@ -105,18 +105,18 @@ def test_a_recording_of_another_run_is_noticed(kept, made, tmp_path, robot):
         read_run(tmp_path / f"{file.stem}.npz")
 
 
-def test_a_robot_is_drawn_with_its_own_file_wherever_that_is_now(kept, tmp_path):
+def test_machine_file_can_be_moved(recorded, tmp_path):
     for suffix in (".npz", ".rrd"):
-        shutil.copy(kept.file.with_suffix(suffix), tmp_path)
-    assert kept.rig.file is not None
-    machine = Path(kept.rig.file)
-    elsewhere = machine.rename(tmp_path / "elsewhere.xml")
+        shutil.copy(recorded.file.with_suffix(suffix), tmp_path)
+    assert recorded.rig.file is not None
+    machine = Path(recorded.rig.file)
+    moved = machine.rename(tmp_path / "elsewhere.xml")
     try:
         other = machine.parent / "other.xml"
-        other.write_text(elsewhere.read_text() + "\n")
-        for given in (None, other):
+        other.write_text(moved.read_text() + "\n")
+        for model in (None, other):
             with pytest.raises(WrongInput, match=r"run of another machine.* --model FILE"):
-                read_run(tmp_path / "run.npz", given)
-        assert len(read_run(tmp_path / "run.npz", elsewhere).view.time_s) == 300
+                read_run(tmp_path / "run.npz", model)
+        assert len(read_run(tmp_path / "run.npz", moved).view.time_s) == 300
     finally:
-        elsewhere.rename(machine)
+        moved.rename(machine)

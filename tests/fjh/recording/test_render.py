@@ -1,4 +1,4 @@
-"""What a person sees of a recording, by its pixels (Mesa's Vulkan driver draws); a mute viewer."""
+"""Pixels of rendered recordings (with Mesa's Vulkan driver), and a viewer that does not respond."""
 
 import io
 import time
@@ -14,8 +14,8 @@ from fjh.recording.render import complaints, headless_viewer, photograph, show
 from tests.fjh.recording.conftest import NEEDS_DRIVER
 
 
-def drawn(test):
-    """A test that looks at pictures, at night."""
+def at_night(test):
+    """Mark a test of pictures, which runs at night."""
     for mark in (pytest.mark.long, pytest.mark.night, NEEDS_DRIVER):
         test = mark(test)
     return test
@@ -26,10 +26,10 @@ def pixels(png: bytes) -> np.ndarray:
 
 
 def content(image: np.ndarray, *, text: bool = False) -> float:
-    """Share of a view's pixels that are neither background nor, without text, a grey of axes."""
+    """Return the share of a view's pixels that are neither background nor, without text, grey."""
     below_title = image[30:]
-    shown = below_title.max(axis=-1) > 100 if text else np.ptp(below_title, axis=-1) > 40
-    return float(shown.mean())
+    visible = below_title.max(axis=-1) > 100 if text else np.ptp(below_title, axis=-1) > 40
+    return float(visible.mean())
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def viewer():
         yield client
 
 
-@drawn
+@at_night
 @pytest.mark.parametrize(
     ("study", "name", "expected"),
     [
@@ -50,7 +50,7 @@ def viewer():
     ],
 )
 def test_every_view_of_a_recording_shows_something_at_once(viewer, request, study, name, expected):
-    """Each opens with its own layout, and the viewer complains of nothing."""
+    """Each recording opens with its layout and without warnings."""
     show(viewer, request.getfixturevalue(f"{study}_folder") / f"{name}.rrd", None)
     photograph(viewer)  # until it has come to rest, the views may be another recording's
     views = viewer.get_state().views
@@ -63,12 +63,17 @@ def test_every_view_of_a_recording_shows_something_at_once(viewer, request, stud
     assert complaints(viewer) == []
 
 
-@drawn
-def test_render_makes_a_picture_of_the_size_and_time_asked_for(refused, made, tmp_path):
+@at_night
+def test_render_makes_a_picture_of_the_requested_size_and_time(refused, made, tmp_path):
     path, out = str(made / "made.rrd"), tmp_path / "new" / "a.png"
     (tmp_path / "no.rrd").write_text("no recording")
-    for words, said in (([path, "--time=17"], "0 to 0.39"), ([str(tmp_path / "no.rrd")], "no.rrd")):
-        assert said in refused("render", *words, "--out", str(out)) and not out.parent.exists()
+    for arguments, message in (
+        ([path, "--time=17"], "0 to 0.39"),
+        ([str(tmp_path / "no.rrd")], "no.rrd"),
+    ):
+        assert (
+            message in refused("render", *arguments, "--out", str(out)) and not out.parent.exists()
+        )
     assert main(["render", path, "--time", "0.3", "--size", "800x600", "--out", str(out)]) == 0
     image = pixels(out.read_bytes())
     assert image.shape == (600, 800, 3) and content(image) > 0.01
@@ -78,14 +83,14 @@ def test_render_makes_a_picture_of_the_size_and_time_asked_for(refused, made, tm
 
 
 @pytest.mark.parametrize(
-    ("line", "error", "said"),
+    ("line", "error", "message"),
     [
         ("Error: Failed to find an appropriate graphics adapter", ConnectionError, "Vulkan driver"),
-        ("WARN egui: late", TimeoutError, "no answer at 9999x9999 pixels: late; WARN egui"),
+        ("WARN egui: late", TimeoutError, "does not respond at 9999x9999 pixels: late; WARN egui"),
     ],
 )
 def test_a_viewer_that_fails_after_connecting_is_one_sentence(
-    refused, tmp_path, monkeypatch, line, error, said
+    refused, tmp_path, monkeypatch, line, error, message
 ):
     program, logged = tmp_path / "rerun", tmp_path / "logged"
     program.write_text(f"#!/bin/sh\necho '{line}'\ntouch {logged}\nexec sleep 600\n")
@@ -101,6 +106,6 @@ def test_a_viewer_that_fails_after_connecting_is_one_sentence(
     monkeypatch.setattr(render, "_connected", lambda *_: Mute())
     (tmp_path / "a.rrd").write_text("never opened")
     out = tmp_path / "new" / "a.png"
-    words = ["render", str(tmp_path / "a.rrd"), "--size", "9999x9999", "--out", str(out)]
-    assert said in refused(*words, code=1)
+    arguments = ["render", str(tmp_path / "a.rrd"), "--size", "9999x9999", "--out", str(out)]
+    assert message in refused(*arguments, code=1)
     assert not out.parent.exists()

@@ -1,4 +1,4 @@
-"""Runs side by side: what each is, what they have in common, and what JSON says beside them."""
+"""Review of runs side by side: data, common properties, and consistency with JSON files."""
 
 import json
 import shutil
@@ -14,9 +14,9 @@ from tests import rrd
 from tests.made import keep_made, made_run, made_view
 
 
-def test_every_run_is_itself_to_the_bit_in_the_order_given(kept, tmp_path):
-    """A locked and a healthy run of the hexapod, and one of an arm: two folders and a file."""
-    places = [tmp_path / "one", tmp_path / "other", kept.file.with_suffix(".npz")]
+def test_reviewed_runs_equal_their_data_in_the_given_order(recorded, tmp_path):
+    """Two folders with a locked and a healthy run of the hexapod, and a file of an arm."""
+    places = [tmp_path / "one", tmp_path / "other", recorded.file.with_suffix(".npz")]
     for folder in places[:2]:
         folder.mkdir()
         keep_made(folder, locked=folder.name == "one")
@@ -24,14 +24,14 @@ def test_every_run_is_itself_to_the_bit_in_the_order_given(kept, tmp_path):
     assert main(["review", *map(str, places), "--out", str(review)]) == 0
     rows = rrd.notes(review).partition("| --- |")[2].splitlines()
     assert [row.split(" | ")[0] for row in rows[1:4]] == ["| one", "| other", "| new"]
-    for k, run in enumerate((made_run(), made_run(), kept.run)):
+    for k, run in enumerate((made_run(), made_run(), recorded.run)):
         times, error = rrd.scalars(review, f"/run_{k}/task/error")
         np.testing.assert_array_equal(error, 1e6 * (run.desired - run.true)[::5])  # 200 Hz
         np.testing.assert_array_equal(times, np.rint(1e9 * run.time_s[::5]))
     _, texts = rrd.rows(review, "/run_2/events", "TextLog:text")
     assert texts == [["new: motor2 locked"]]
-    worn = {e.split("/")[1] for e in rrd.entities(review) if e.endswith("/failure_0/text")}
-    assert worn == {"run_0", "run_2"}
+    marked = {e.split("/")[1] for e in rrd.entities(review) if e.endswith("/failure_0/text")}
+    assert marked == {"run_0", "run_2"}
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_names_of_runs_are_short_and_different(files, names):
     assert names_of([Path(f"{file}.npz") for file in files]) == names
 
 
-def test_data_without_a_recording_beside_it_is_a_run_that_says_nothing(made, tmp_path):
+def test_data_without_a_recording_can_be_reviewed(made, tmp_path):
     shutil.copy(made / "made.npz", tmp_path / "bare.npz")
     out, files = tmp_path / "two.rrd", [str(tmp_path / "bare.npz"), str(made)]
     assert main(["review", *files, "--out", str(out)]) == 0
@@ -58,10 +58,10 @@ def test_data_without_a_recording_beside_it_is_a_run_that_says_nothing(made, tmp
 
 
 @pytest.mark.parametrize("alpha", [0.0, 1e300, -1.0, float("nan"), None, "1", [1.0]])
-def test_json_that_contradicts_the_data_is_noticed(alpha):
-    told = {"made.json": {"runs": [{"data": "made.npz", "alpha_rms_urad": alpha}]}}
-    with pytest.raises(WrongInput, match=r"made\.json says alpha_rms_urad = .* whose data give"):
-        check_stated("made.npz", made_view(), told)
+def test_json_that_contradicts_the_data_is_rejected(alpha):
+    content = {"made.json": {"runs": [{"data": "made.npz", "alpha_rms_urad": alpha}]}}
+    with pytest.raises(WrongInput, match=r"made\.json states alpha_rms_urad = .* whose data give"):
+        check_stated("made.npz", made_view(), content)
 
 
 @pytest.mark.parametrize("place", [".", "made.npz"])
@@ -72,7 +72,7 @@ def test_review_compares_json_with_the_data(capfd, made, tmp_path, place):
         rows = [{"data": "other.npz"}, {"data": "made.npz", "alpha_rms_urad": stated}]
         (folder / "made.json").write_text(json.dumps({"columns": rows}))
         assert main(["review", str(folder / place), "--out", str(out)]) == code
-        assert ("made.json says alpha_rms_urad" in capfd.readouterr().err) == bool(code)
+        assert ("made.json states alpha_rms_urad" in capfd.readouterr().err) == bool(code)
         assert out.exists() != bool(code)
 
 

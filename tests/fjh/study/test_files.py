@@ -1,4 +1,4 @@
-"""A set of files appears whole or not at all, whatever comes between, and states what made it."""
+"""A set of files is published completely or not at all, and states its origin."""
 
 import json
 import re
@@ -20,7 +20,7 @@ from fjh.study.files import published, write_arrays, write_index, write_json
 from tests.made import keep_made
 
 BYTES = 512
-"""That go into a file of the full disk."""
+"""Largest file size [bytes] on the simulated full disk."""
 
 
 def write(folder: Path, index: str, *names: str) -> None:
@@ -90,14 +90,14 @@ def test_files_that_cannot_all_be_written_leave_the_old_ones_whole(tmp_path):
 
 @contextmanager
 def full_disk():
-    """No file may grow beyond `BYTES`. Not as a fixture: pytest's own output may go to a file."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    """Limit all files to `BYTES`; not a fixture, since pytest's output may go to a file."""
+    former = resource.getrlimit(resource.RLIMIT_FSIZE)
     compiled, sys.dont_write_bytecode = sys.dont_write_bytecode, True  # or Python cuts it off
-    resource.setrlimit(resource.RLIMIT_FSIZE, (BYTES, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (BYTES, former[1]))
     try:
         yield
     finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        resource.setrlimit(resource.RLIMIT_FSIZE, former)
         sys.dont_write_bytecode = compiled
 
 
@@ -134,16 +134,18 @@ def test_review_on_a_full_disk_is_one_sentence_and_no_file(tmp_path, capfd):
     out = tmp_path / "new" / "review.rrd"
     with full_disk():
         assert main(["review", str(tmp_path), "--out", str(out)]) == 2
-    said = capfd.readouterr().err
-    assert said.startswith(f"fjh: {out.parent} could not be written: ") and said.count("\n") == 1
+    message = capfd.readouterr().err
+    assert (
+        message.startswith(f"fjh: {out.parent} could not be written: ") and message.count("\n") == 1
+    )
     assert not out.parent.exists()
 
 
-@pytest.mark.parametrize("held", [slice(-1), slice(-100), slice(-5000), slice(0)])
-def test_a_recording_that_cannot_be_read_back_is_not_published(tmp_path, monkeypatch, held):
-    """The disk loses the end, or all of the file, and reports no error."""
+@pytest.mark.parametrize("part", [slice(-1), slice(-100), slice(-5000), slice(0)])
+def test_a_recording_that_cannot_be_read_back_is_not_published(tmp_path, monkeypatch, part):
+    """The disk silently loses the end of the file, or all of it."""
     write_bytes = Path.write_bytes
-    monkeypatch.setattr(Path, "write_bytes", lambda path, data: write_bytes(path, data[held]))
+    monkeypatch.setattr(Path, "write_bytes", lambda path, data: write_bytes(path, data[part]))
     with (
         pytest.raises(OutputError, match=r"a\.rrd cannot be read back: [^\n]+$"),
         published(tmp_path, index="a.rrd") as staging,
@@ -154,14 +156,14 @@ def test_a_recording_that_cannot_be_read_back_is_not_published(tmp_path, monkeyp
 
 def test_the_code_hash_changes_with_a_source_and_not_with_the_report(tmp_path, monkeypatch):
     monkeypatch.setattr(provenance, "ROOT", tmp_path)
-    seen = {provenance.code_sha256()}
-    rooms = ("argument_checks/a.py", "prioritized/a.py", "experiments/a.py")
+    hashes = {provenance.code_sha256()}
+    folders = ("argument_checks/a.py", "prioritized/a.py", "experiments/a.py")
     page = "experiments/app/page.py"
-    for name in ("sim/a.py", "sim/b/a.py", "models/a.xml", *rooms, "sim/a.py", page):
+    for name in ("sim/a.py", "sim/b/a.py", "models/a.xml", *folders, "sim/a.py", page):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(str(len(seen)))
-        seen.add(provenance.code_sha256())
-    assert len(seen) == 8
+        (tmp_path / name).write_text(str(len(hashes)))
+        hashes.add(provenance.code_sha256())
+    assert len(hashes) == 8
 
 
 def test_a_commit_is_named_only_in_the_projects_own_checkout(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Surveys of robots and matrices, without the command."""
+"""Functions for surveys of robots and matrices without the command."""
 
 from functools import cache
 from pathlib import Path
@@ -9,8 +9,8 @@ import pandas as pd
 
 from fjh.rig.condition_analysis import ConditionAnalysis
 from fjh.rig.options import RobotOptions, rows_of
-from fjh.survey.conditions import Survey, condition_frame, surveyed
-from fjh.survey.subject import matrix_subject, robot_subject
+from fjh.survey.conditions import Survey, condition_frame, survey_system
+from fjh.survey.system import matrix_system, robot_system
 
 
 @cache
@@ -26,23 +26,23 @@ def of_robot(
     major: str = "0,1",
 ) -> Survey:
     options = RobotOptions(site=site, axes=axes, major=rows_of("major", major))
-    subject = robot_subject(file, options, lower, upper)
-    return surveyed(subject, postures, seed, lambda done, total: None)
+    system = robot_system(file, options, lower, upper)
+    return survey_system(system, postures, seed, lambda done, total: None)
 
 
-def of_matrix(file: Path, **given: str | None) -> Survey:
-    asked = dict.fromkeys(("lower", "upper", "major", "hold")) | given
-    return surveyed(matrix_subject(file, **asked), 0, 0, lambda done, total: None)
+def of_matrix(file: Path, **options: str | None) -> Survey:
+    arguments = dict.fromkeys(("lower", "upper", "major", "hold")) | options
+    return survey_system(matrix_system(file, **arguments), 0, 0, lambda done, total: None)
 
 
-def conditions(found: Survey) -> pd.DataFrame:
-    return condition_frame(found).set_index("failed")
+def conditions(survey: Survey) -> pd.DataFrame:
+    return condition_frame(survey).set_index("failed")
 
 
-def speeds(examined: ConditionAnalysis) -> np.ndarray:
-    """The worst speeds, which were computed."""
-    assert examined.classes.worst_speed is not None
-    return examined.classes.worst_speed
+def speeds(analysis: ConditionAnalysis) -> np.ndarray:
+    """Return the worst speeds, asserting that they were computed."""
+    assert analysis.classes.worst_speed is not None
+    return analysis.classes.worst_speed
 
 
 def written(file: Path, B: Any) -> Path:

@@ -1,4 +1,4 @@
-"""`fjh survey`: each number is what one condition has alone, and the report follows its subject."""
+"""Numbers of `fjh survey` equal those of conditions analyzed one by one."""
 
 from dataclasses import replace
 from math import comb
@@ -23,8 +23,8 @@ ARM = MODELS / "arm.xml"
 STRETCHED = {"site": "tip", "axes": None, "major": "3,4"}
 
 
-def test_a_hexarotor_hovers_without_a_rotor_if_neighbours_turn_alike(tmp_path):
-    """Du, Quan, Yang and Cai, JGCD 38 (2015)."""
+def test_hexarotor_hovers_without_a_rotor_if_neighbours_turn_in_the_same_sense(tmp_path):
+    """Compare with Du, Quan, Yang and Cai, JGCD 38 (2015)."""
     hover = {"lower": "0", "upper": "6.125", "hold": f"{1.535 * 9.8},0,0,0"}
     for turns, kept in {"PNPNPN": 6 * [False], "PPNNPN": 4 * [True] + 2 * [False]}.items():
         start = of_matrix(written(tmp_path / "B.csv", effectiveness(turns)), **hover).start
@@ -32,14 +32,16 @@ def test_a_hexarotor_hovers_without_a_rotor_if_neighbours_turn_alike(tmp_path):
         assert start.survived[start.singles[:, FREE - LOCKED]].tolist() == kept
 
 
-def test_each_row_names_what_failed_and_each_actuator_what_its_failures_leave(tmp_path):
+def test_rows_list_failed_actuators_and_actuators_list_remaining_effects(tmp_path):
     names, file = [f"rotor{k}" for k in range(6)], tmp_path / "B.csv"
     pd.DataFrame(effectiveness("PPNNPN"), columns=names).to_csv(file, index=False)
-    found = of_matrix(file, lower="0", upper="6.125", hold=f"{1.535 * 9.8},0,0,0")
-    actuators = actuator_frame(found).set_index("actuator")
-    for code, row in zip(found.start.codes, condition_frame(found).itertuples(), strict=True):
+    survey = of_matrix(file, lower="0", upper="6.125", hold=f"{1.535 * 9.8},0,0,0")
+    actuators = actuator_frame(survey).set_index("actuator")
+    for code, row in zip(survey.start.codes, condition_frame(survey).itertuples(), strict=True):
         for kind, failed in ((LOCKED, row.locked), (FREE, row.free)):
-            assert failed == [name for name, each in zip(names, code, strict=True) if each == kind]
+            assert failed == [
+                name for name, state in zip(names, code, strict=True) if state == kind
+            ]
         if row.failures == 1:
             [name] = row.locked + row.free
             left = actuators.loc[name, "left_locked" if row.locked else "left_free"]
@@ -47,29 +49,29 @@ def test_each_row_names_what_failed_and_each_actuator_what_its_failures_leave(tm
     assert (actuators.left_locked > actuators.left_free).all()
 
 
-def room(columns: np.ndarray, low: np.ndarray, high: np.ndarray, held: np.ndarray) -> float:
-    """Radius of the ball about what is held."""
-    return max(0.0, distances(columns, held, low, high).min())
+def radius(columns: np.ndarray, low: np.ndarray, high: np.ndarray, effect: np.ndarray) -> float:
+    """Return the radius of the largest ball of attainable effects about the effect at rest."""
+    return max(0.0, distances(columns, effect, low, high).min())
 
 
 @pytest.mark.parametrize("seed", [0, 3, 7])
-def test_a_hexarotor_that_was_measured_has_lost_what_leaves_no_hundredth(tmp_path, seed):
-    """On the drawing yaw goes with two rotors (Du et al.); some mm off it has rank, and no room."""
-    rng, held = np.random.default_rng(seed), np.array([7.2, 0, 0, 0])
-    drawn = effectiveness("PNPNPN", 0.45)
-    drawn[3] /= 2
-    drawn[1:3] += 0.006 * rng.normal(size=(2, 6))
+def test_measured_hexarotor_loses_directions_with_less_than_one_percent(tmp_path, seed):
+    """Yaw is lost with two rotors (Du et al.); errors of some mm give it rank, but no slack."""
+    rng, hover = np.random.default_rng(seed), np.array([7.2, 0, 0, 0])
+    B_measured = effectiveness("PNPNPN", 0.45)
+    B_measured[3] /= 2
+    B_measured[1:3] += 0.006 * rng.normal(size=(2, 6))
     limits = {"lower": "0", "upper": "4", "hold": "7.2,0,0,0"}
-    found = of_matrix(written(tmp_path / "B.csv", drawn), **limits)
-    rest, zero, told = np.linalg.pinv(drawn) @ held, np.zeros(6), conditions(found)
-    healthy = room(drawn, zero, zero + 4, held)
-    for code, each in zip(found.start.codes, told.itertuples(), strict=True):
-        stuck = np.where(code == LOCKED, rest, 0.0)  # one that is free has no thrust
-        left = room(drawn, stuck, np.where(code, stuck, 4.0), held)
-        assert each.survived == (left / healthy > LEAST_LEFT == 0.01), each
-        assert each.worst_effect == pytest.approx(left, abs=1e-8)
-        assert each.effect_left == pytest.approx(left / healthy, abs=1e-8)
-    assert (told.major_task == "nearly lost").any()
+    survey = of_matrix(written(tmp_path / "B.csv", B_measured), **limits)
+    at_rest, zero, frame = np.linalg.pinv(B_measured) @ hover, np.zeros(6), conditions(survey)
+    healthy = radius(B_measured, zero, zero + 4, hover)
+    for code, row in zip(survey.start.codes, frame.itertuples(), strict=True):
+        stuck = np.where(code == LOCKED, at_rest, 0.0)  # one that is free has no thrust
+        left = radius(B_measured, stuck, np.where(code, stuck, 4.0), hover)
+        assert row.survived == (left / healthy > LEAST_LEFT == 0.01), row
+        assert row.worst_effect == pytest.approx(left, abs=1e-8)
+        assert row.effect_left == pytest.approx(left / healthy, abs=1e-8)
+    assert (frame.major_task == "nearly lost").any()
 
 
 TENDONS = """
@@ -83,43 +85,43 @@ TENDONS = """
 
 
 @pytest.mark.parametrize("near", [0.002, 0.1])
-def test_a_robot_whose_force_is_gone_has_lost_the_task(tmp_path, near):
-    """Tendons a and b are nearly parallel, and alone when c is limp."""
+def test_robot_without_force_loses_the_task(tmp_path, near):
+    """Tendons a and b are nearly parallel; they remain when c is free."""
     (tmp_path / "tendons.xml").write_text(TENDONS.format(near=near))
-    found = of_robot(tmp_path / "tendons.xml", site="tip", axes=None, major="3,4")
+    survey = of_robot(tmp_path / "tendons.xml", site="tip", axes=None, major="3,4")
     pulls, one, nothing = np.array([[1, 1, 0], [0, near, 1]]), np.ones(3), np.zeros(2)
-    force = room(pulls[:, :2], -one[:2], one[:2], nothing) / room(pulls, -one, one, nothing)
-    each = conditions(found).loc["c free"]
-    assert each.force_left == pytest.approx(force, rel=1e-6) and each.speed_left >= 0.999
-    assert each.survived == (force > 0.01) == (near == 0.1)
+    force = radius(pulls[:, :2], -one[:2], one[:2], nothing) / radius(pulls, -one, one, nothing)
+    row = conditions(survey).loc["c free"]
+    assert row.force_left == pytest.approx(force, rel=1e-6) and row.speed_left >= 0.999
+    assert row.survived == (force > 0.01) == (near == 0.1)
 
 
 @pytest.mark.parametrize(("hold", "advice"), [(None, "(--hold)"), ("40,0,0,0", "hold less")])
-def test_inputs_without_room_about_rest_are_said_to_have_none(tmp_path, hold, advice):
-    """Thrusts from 0 have none about zero; six of 6 N do not carry 40 N."""
+def test_inputs_without_slack_at_rest_are_reported(tmp_path, hold, advice):
+    """Thrusts from 0 on have no slack about zero; six thrusts of 6 N do not carry 40 N."""
     file = written(tmp_path / "B.csv", effectiveness("PPNNPN"))
-    found = of_matrix(file, lower="0", upper="6", hold=hold)
-    assert found.start.classification(0) == "no room"
-    assert headline(found.subject, found.start).endswith(f"{advice}.")
+    survey = of_matrix(file, lower="0", upper="6", hold=hold)
+    assert survey.start.classification(0) == "no room"
+    assert headline(survey.system, survey.start).endswith(f"{advice}.")
 
 
-def test_a_matrix_is_the_same_in_parts(tmp_path, monkeypatch):
+def test_matrix_analysis_is_the_same_in_parts(tmp_path, monkeypatch):
     file = written(tmp_path / "B.csv", np.random.default_rng(0).normal(size=(4, 8)))
-    whole = of_matrix(file).start
+    complete = of_matrix(file).start
     monkeypatch.setattr("fjh.rig.condition_analysis._AT_ONCE", 8**2 * 10)
     parts = of_matrix(file).start
-    np.testing.assert_array_equal(parts.survived, whole.survived)
-    np.testing.assert_array_equal(speeds(parts), speeds(whole))
+    np.testing.assert_array_equal(parts.survived, complete.survived)
+    np.testing.assert_array_equal(speeds(parts), speeds(complete))
 
 
-def test_of_many_conditions_those_with_few_failures_are_examined_and_the_rest_is_said(tmp_path):
-    found = of_matrix(written(tmp_path / "B.csv", np.random.default_rng(0).normal(size=(2, 12))))
-    examined = sum(comb(12, k) * 2**k for k in range(5))
-    [said] = found.left_out()
-    assert f"3^12 conditions those with at most 4 failures ({examined:,})" in said
+def test_omitted_conditions_with_many_failures_are_reported(tmp_path):
+    survey = of_matrix(written(tmp_path / "B.csv", np.random.default_rng(0).normal(size=(2, 12))))
+    count = sum(comb(12, k) * 2**k for k in range(5))
+    [sentence] = survey.omissions()
+    assert f"3^12 conditions those with at most 4 failures ({count:,})" in sentence
 
 
-def test_the_arm_points_with_any_joint_locked_and_none_free_but_the_last():
+def test_arm_points_with_any_joint_locked_and_only_the_last_free():
     """A free joint turns the camera by itself, except the last, whose axis is the line of sight."""
     start = of_robot(ARM, 3).start
     assert start.survived[start.singles[:, 0]].all()
@@ -129,38 +131,40 @@ def test_the_arm_points_with_any_joint_locked_and_none_free_but_the_last():
 
 
 def test_postures_are_within_the_joint_ranges_and_closed():
-    found = of_robot(MODELS / "platform.xml", 8, major="3,4")
-    robot = found.subject.robot
-    assert robot is not None and 0 < len(found.postures) <= 8
-    for qpos in found.postures.qpos:
+    survey = of_robot(MODELS / "platform.xml", 8, major="3,4")
+    robot = survey.system.robot
+    assert robot is not None and 0 < len(survey.postures) <= 8
+    for qpos in survey.postures.qpos:
         data = assemble(robot.scene.task_model)
         data.qpos[:] = qpos
         np.testing.assert_allclose(assemble(robot.scene.task_model, data).qpos, qpos, atol=1e-8)
-    assert len(found.rows) == (1 + len(found.postures)) * len(found.start.codes)
+    assert len(survey.rows) == (1 + len(survey.postures)) * len(survey.start.codes)
 
 
-def test_over_postures_are_the_numbers_of_surveys_that_start_there():
-    """Median, worst and share of an arm's conditions, by another start for each posture."""
-    found, own = of_robot(ARM, 3), []
-    robot = found.subject.robot
+def test_statistics_over_postures_equal_surveys_started_there():
+    """Compare median, worst and share with surveys that start at each posture."""
+    survey, single = of_robot(ARM, 3), []
+    robot = survey.system.robot
     assert robot is not None
-    for qpos in (np.array(robot.scene.start.qpos), *found.postures.qpos):
+    for qpos in (np.array(robot.scene.start.qpos), *survey.postures.qpos):
         there = robot_of(ARM, robot.options, qpos, settle=False)
         system = ConstrainedSystem.of(there.rigid.nominal)
-        own.append(analyze_conditions(system, (0, 1), found.start.codes, rates=found.subject.rates))
-    told, name = condition_frame(found), "worst_speed_rad_per_s"
-    elsewhere = np.array([speeds(each) for each in own[1:]])
-    survived = np.array([each.speed_left > LEAST_LEFT for each in own])
+        single.append(
+            analyze_conditions(system, (0, 1), survey.start.codes, rates=survey.system.rates)
+        )
+    frame, name = condition_frame(survey), "worst_speed_rad_per_s"
+    at_postures = np.array([speeds(one) for one in single[1:]])
+    survived = np.array([one.speed_left > LEAST_LEFT for one in single])
     expected = {
-        f"{name}_median_over_postures": np.median(elsewhere, axis=0),
-        f"{name}_least_over_postures": elsewhere.min(axis=0),
+        f"{name}_median_over_postures": np.median(at_postures, axis=0),
+        f"{name}_least_over_postures": at_postures.min(axis=0),
         "share_of_postures": survived.mean(axis=0),
     }
     for key, values in expected.items():
-        np.testing.assert_allclose(told[key], values, rtol=1e-7, atol=1e-9, err_msg=key)
+        np.testing.assert_allclose(frame[key], values, rtol=1e-7, atol=1e-9, err_msg=key)
 
 
-def test_a_seed_draws_the_same_postures_again_and_another_draws_others():
+def test_seed_determines_the_sampled_postures():
     one, again, other = (
         of_robot.__wrapped__(TEST_MODELS / "stretched.xml", 4, seed, **STRETCHED)
         for seed in (1, 1, 2)
@@ -169,24 +173,24 @@ def test_a_seed_draws_the_same_postures_again_and_another_draws_others():
     assert not np.allclose(np.stack(one.postures.qpos), np.stack(other.postures.qpos))
 
 
-def test_at_a_singular_start_the_best_posture_stands_for_it():
-    """A planar arm stretched out cannot move its tip along itself; bent it can."""
+def test_best_posture_replaces_a_singular_start():
+    """A stretched planar arm cannot move its tip along the arm; a bent one can."""
     file = TEST_MODELS / "stretched.xml"
-    alone, found = (of_robot(file, count, **STRETCHED) for count in (0, 8))
-    assert alone.start.classification(0) == "one direction" and alone.subject.instead is None
-    robot, healthy = found.subject.robot, found.rows[found.rows.condition == 0].iloc[1:]
-    assert found.start.survived[0] and robot is not None and healthy.survived.all()
+    alone, survey = (of_robot(file, count, **STRETCHED) for count in (0, 8))
+    assert alone.start.classification(0) == "one direction" and alone.system.instead is None
+    robot, healthy = survey.system.robot, survey.rows[survey.rows.condition == 0].iloc[1:]
+    assert survey.start.survived[0] and robot is not None and healthy.survived.all()
     best = int(np.argmin(healthy.largest_gain_rad_per_m))
-    np.testing.assert_allclose(robot.scene.task_start.qpos, found.postures.qpos[best])
-    assert found.start.largest_gain[0] == pytest.approx(healthy.largest_gain_rad_per_m.iloc[best])
-    assert f"posture {best + 1} " in str(found.subject.instead)
+    np.testing.assert_allclose(robot.scene.task_start.qpos, survey.postures.qpos[best])
+    assert survey.start.largest_gain[0] == pytest.approx(healthy.largest_gain_rad_per_m.iloc[best])
+    assert f"posture {best + 1} " in str(survey.system.instead)
 
 
-def test_every_check_fails_on_spoilt_numbers(tmp_path):
-    found = of_matrix(written(tmp_path / "B.csv", B))
-    start, left = found.start, found.start.classes
-    assert [each.passed for each in checks(found.subject, start)] == [True, True]
+def test_every_check_fails_on_wrong_numbers(tmp_path):
+    survey = of_matrix(written(tmp_path / "B.csv", B))
+    start, left = survey.start, survey.start.classes
+    assert [outcome.passed for outcome in checks(survey.system, start)] == [True, True]
     verdicts = replace(start, classes=replace(left, possible=~left.possible))
     numbers = replace(start, classes=replace(left, worst_speed=speeds(start) * (1 + 1e-5)))
-    for k, spoilt in enumerate((verdicts, numbers)):
-        assert [each.passed for each in checks(found.subject, spoilt)] == [k != 0, k != 1]
+    for k, wrong in enumerate((verdicts, numbers)):
+        assert [outcome.passed for outcome in checks(survey.system, wrong)] == [k != 0, k != 1]

@@ -1,4 +1,4 @@
-"""The survey as a page: whole, escaped, and as the documentation prints it."""
+"""Page of a survey: well-formed, with escaped names, and reproducible."""
 
 import json
 import re
@@ -48,17 +48,19 @@ class Page(HTMLParser):
 
 
 @pytest.mark.long
-def test_the_page_of_a_matrix_is_whole_and_its_names_are_no_markup(tmp_path, capfd):
+def test_page_of_a_matrix_is_valid_and_its_names_are_escaped(tmp_path, capfd):
     file = tmp_path / "rotors.csv"
     quoted = [f'"{name.replace(chr(34), 2 * chr(34))}"' for name in HOSTILE]
     file.write_text(f"{','.join(quoted)}\n1,1,1,1,1,1,1\n0,1,2,3,4,5,6\n")
     out = tmp_path / "out"
     assert main(["survey", "--matrix", str(file), "--out", str(out)]) == 0
     printed, html = capfd.readouterr(), (out / "survey.html").read_text()
-    page, told = Page(html), json.loads((out / "survey.json").read_text())
+    page, summary = Page(html), json.loads((out / "survey.json").read_text())
     assert not page.tags & {"script", "link", "iframe", "object", "base"}
     assert not re.search(r"url\(|@import|https?:", html)
-    assert [each["actuator"] for each in told["actuators"]] == list(HOSTILE) and not printed.err
+    assert [entry["actuator"] for entry in summary["actuators"]] == list(
+        HOSTILE
+    ) and not printed.err
     rendered = MarkdownIt("commonmark").enable("table").render((out / "survey.md").read_text())
     markdown = Page(rendered)
     assert not markdown.tags & {"script", "em", "strong", "code", "a"}
@@ -66,5 +68,5 @@ def test_the_page_of_a_matrix_is_whole_and_its_names_are_no_markup(tmp_path, cap
         for text in (page.text, printed.out, markdown.text):
             assert f"{name} locked" in text, name
     again = tmp_path / "again"
-    assert main([*told["command"].split()[1:], "--quiet", "--out", str(again)]) == 0
+    assert main([*summary["command"].split()[1:], "--quiet", "--out", str(again)]) == 0
     assert (again / "survey.html").read_text() == html

@@ -1,10 +1,10 @@
-"""The last minute of both machines, as a recording."""
+"""Recording of the last minute of both machines."""
 
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
-from fjh.live.flight import Flight
+from fjh.live.live_run import LiveRun
 from fjh.live.session import Session
 from fjh.live.stage import NAMES
 from fjh.recording.record import About, write_views
@@ -15,34 +15,34 @@ from fjh.study.files import published
 from fjh.study.provenance import version_properties, versions
 
 
-def keep(folder: Path, session: Session) -> str:
-    """Write what happened of late as a recording, beside former ones; where it is, in a sentence.
+def save_recording(folder: Path, session: Session) -> str:
+    """Write the last minute as the next recording in a folder; return a sentence with its file.
 
     Raises:
-        OutputError: The folder or the disk refuses; the message says why.
+        OutputError: The folder cannot be written; the message states the reason.
     """
-    rig, runs = session.rig, session.last_minute()
+    rig, logged = session.rig, session.last_minute()
     number = next(k for k in count(1) if not (folder / f"live_{k}.rrd").exists())
-    name, pairs = f"live_{number}.rrd", zip(NAMES, session.flights, runs, strict=True)
-    views = {of: _view(rig, flight, run) for of, flight, run in pairs}
+    name, pairs = f"live_{number}.rrd", zip(NAMES, session.runs, logged, strict=True)
+    views = {label: _view(rig, live, run) for label, live, run in pairs}
     about = About(
         study="live",
         identity=f"live-{rig.title}-{number}",
-        said=[f"- {of}: {view.stated.status}" for of, view in views.items()],
+        notes=[f"- {label}: {view.stated.status}" for label, view in views.items()],
         parameters={"control_period_s": rig.period_s}
         | version_properties({"versions": versions()}),
     )
     with published(folder, index=name) as staging:
         write_views(staging / name, about, views)
-    return f"The last {runs[0].time_s[-1] - runs[0].time_s[0]:.0f} s are in {folder / name}."
+    return f"The last {logged[0].time_s[-1] - logged[0].time_s[0]:.0f} s are in {folder / name}."
 
 
-def _view(rig: Rig, flight: Flight, run: Run) -> RunView:
-    """A run with what was repaired in it."""
+def _view(rig: Rig, live: LiveRun, run: Run) -> RunView:
+    """Return the view of a run, with its repairs as incidents."""
     view = view_of(rig, run)
     repairs = [
         Change(rig.actuators[k], HEALTHY, at_s)
-        for at_s, k, kind in flight.changes
+        for at_s, k, kind in live.changes
         if kind == HEALTHY and at_s >= run.time_s[0]
     ]
     incidents = in_order([*view.stated.incidents, *repairs])

@@ -1,4 +1,4 @@
-"""What a machine follows for a time that is not known beforehand: paths that repeat."""
+"""Periodic reference paths for runs of unknown duration."""
 
 from dataclasses import dataclass
 
@@ -8,26 +8,26 @@ from fjh.rig import Rig
 from sim import Array
 
 REST = "rest"
-COURSES = ("circle", "spiral", "steps", REST)
+PATHS = ("circle", "spiral", "steps", REST)
 TURN_S = 4.0
 _SOFT_START_S = 0.5
-"""After which a circle repeats."""
+"""Time [s] after which a circle repeats."""
 _AHEAD_S = 1.0
-"""Of a path, for demands that begin before what they are for."""
+"""Preview of a path [s] for the non-causal feedforward."""
 _SWITCH_S = 1.0
-_DRAWN_EVERY = 20
-"""Ticks."""
+_OUTLINE_EVERY = 20
+"""Ticks between points of the outline."""
 
 
 @dataclass(frozen=True)
-class Course:
-    """Desired displacements of the major rows, tick by tick, without end.
+class ReferencePath:
+    """Desired displacements of the major rows for an unlimited number of ticks.
 
     Attributes:
-        name: One of `COURSES`.
-        desired: Of the first K ticks, (K, m1), [rad] or [m].
-        demands: What is demanded for it beforehand, likewise; None is nothing.
-        cycle: So many of their last ticks repeat.
+        name: One of `PATHS`.
+        desired: Desired displacements of the first K ticks, (K, m1), [rad] or [m].
+        demands: Feedforward demands of the same shape and units; None: no feedforward.
+        cycle: Number of last ticks that repeat.
     """
 
     name: str
@@ -37,18 +37,20 @@ class Course:
 
     @property
     def outline(self) -> Array:
-        """Some points of a cycle, to be drawn, (N, m1)."""
-        return self.desired[-self.cycle - 1 :: _DRAWN_EVERY]
+        """Points of a cycle for a drawing, (N, m1)."""
+        return self.desired[-self.cycle - 1 :: _OUTLINE_EVERY]
 
     def at(self, ticks: Array) -> tuple[Array, Array | None]:
-        """Desired and demanded at some ticks (T,), shape (T, m1)."""
+        """Return desired and demanded displacements at some ticks (T,), both (T, m1)."""
         before = len(self.desired) - self.cycle
         rows = np.where(ticks < before, ticks, before + (ticks - before) % self.cycle)
         return self.desired[rows], None if self.demands is None else self.demands[rows]
 
 
-def course(rig: Rig, name: str, former: Course | None = None, tick: int = 0) -> Course:
-    """A path of a rig that begins at rest, after a former one faded out from a tick of it on."""
+def reference_path(
+    rig: Rig, name: str, former: ReferencePath | None = None, tick: int = 0
+) -> ReferencePath:
+    """Return a path that starts at rest, and fades out a former one from a tick of that on."""
     switch = round(_SWITCH_S / rig.period_s) if former is not None else 0
     path, cycle = _cyclic(rig, name)
     desired = np.concatenate([np.zeros((switch, path.shape[1])), path])
@@ -60,12 +62,12 @@ def course(rig: Rig, name: str, former: Course | None = None, tick: int = 0) -> 
         desired[:switch] += fades * was_desired
         if demands is not None and was_demanded is not None:
             demands[:switch] += fades * was_demanded
-    kept = len(desired) - round(_AHEAD_S / rig.period_s)
-    return Course(name, desired[:kept], None if demands is None else demands[:kept], cycle)
+    end = len(desired) - round(_AHEAD_S / rig.period_s)
+    return ReferencePath(name, desired[:end], None if demands is None else demands[:end], cycle)
 
 
 def _cyclic(rig: Rig, name: str) -> tuple[Array, int]:
-    """A path (N, m1) that ends some time after its second cycle, and the ticks of one."""
+    """Return a path (N, m1) of two cycles and the preview, and the number of ticks of a cycle."""
     rows, ahead_s = len(rig.major), _AHEAD_S
     if name == REST:
         return np.zeros((round(ahead_s / rig.period_s) + 1, rows)), 1

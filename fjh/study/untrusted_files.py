@@ -1,6 +1,6 @@
-"""Files that anybody may have written: read whole, or refused in one sentence.
+"""Readers of untrusted files: the complete contents, or an error of one sentence.
 
-No pipe is waited for, nothing that a file holds is executed, and none fills the memory.
+They do not wait for pipes, execute no content, and limit the memory.
 """
 
 import json
@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fjh.study.errors import WrongInput
-from fjh.study.spelling import LARGEST_FILE, check_file
+from fjh.study.input_checks import LARGEST_FILE, check_file
 
-if TYPE_CHECKING:  # the help text does not wait for NumPy's import
+if TYPE_CHECKING:  # the help text must not depend on the slow import of NumPy
     from numpy.typing import NDArray
 
 
 def read_json(path: Path) -> Any:
-    """What a JSON file holds.
+    """Return the contents of a JSON file.
 
     Raises:
-        WrongInput: It is no file, or none of JSON.
+        WrongInput: The file does not exist, or is not JSON.
     """
     check_file(path)
     try:
@@ -29,20 +29,20 @@ def read_json(path: Path) -> Any:
 
 
 def read_arrays(path: Path) -> "dict[str, NDArray[Any]]":
-    """All arrays of an `.npz`; of objects, which may be programs, none is read.
+    """Return all arrays of an `.npz` file without unpickling objects, which may execute code.
 
     Raises:
-        WrongInput: It is no such file, or unpacks to more than :data:`LARGEST_FILE`.
+        WrongInput: The file is no `.npz`, or unpacks to more than :data:`LARGEST_FILE` bytes.
     """
     import numpy as np  # late, as above
 
     check_file(path)
     try:
         with zipfile.ZipFile(path) as packed:
-            size = sum(each.file_size for each in packed.infolist())
+            size = sum(entry.file_size for entry in packed.infolist())
         if size <= LARGEST_FILE:
             with np.load(path, allow_pickle=False) as file:
-                # What is no array comes as bytes, which are none of objects either.
+                # Entries that are no arrays come as bytes, which are no objects either.
                 return {name: np.asarray(file[name]) for name in file}
     except Exception:  # numpy and zipfile raise a dozen kinds, MemoryError among them
         raise WrongInput(f"{path} is not a readable .npz file") from None

@@ -1,41 +1,43 @@
-"""Paths without an end: they begin at rest, repeat, and change without a jump."""
+"""Periodic paths start at rest, repeat, and change without a jump."""
 
 from functools import cache
 
 import numpy as np
 import pytest
 
-from fjh.live.course import COURSES, REST, Course, course
+from fjh.live.reference_path import PATHS, REST, ReferencePath, reference_path
 from tests.fjh.rigs import rig
 
 SETTLED_S = 1.0
-"""After which what was demanded before a path began no longer shows."""
+"""Time [s] after which earlier demands have no more effect."""
 of_each_robot = pytest.mark.parametrize("name", ["hexapod", "arm"])
 
 
 @cache
-def of(name: str, path: str) -> Course:
-    return course(rig(name), path)
+def path_of(name: str, path: str) -> ReferencePath:
+    return reference_path(rig(name), path)
 
 
-@pytest.mark.parametrize("path", COURSES)
+@pytest.mark.parametrize("path", PATHS)
 @of_each_robot
-def test_what_repeats_is_what_a_longer_path_would_have_gone_on_with(name, path):
-    """The cycle before the one that is kept: no seam shows, in what is desired or demanded."""
-    one, its = rig(name), of(name, path)
+def test_repeated_cycle_continues_the_path(name, path):
+    """Desired and demanded displacements of the former cycle continue without a seam."""
+    one, its = rig(name), path_of(name, path)
     start, settled = len(its.desired) - its.cycle, round(SETTLED_S / one.period_s)
     before, before_demands = its.at(np.arange(max(0, start - its.cycle), start))
     desired, demands = its.at(start + its.cycle - len(before) + np.arange(len(before)))
-    kept = slice(settled, None)
-    np.testing.assert_allclose(before[kept], desired[kept], atol=1e-9 * one.size)
+    compared = slice(settled, None)
+    np.testing.assert_allclose(before[compared], desired[compared], atol=1e-9 * one.size)
     if demands is not None and before_demands is not None:
-        np.testing.assert_allclose(before_demands[kept], demands[kept], atol=2e-3 * one.size)
+        np.testing.assert_allclose(
+            before_demands[compared], demands[compared], atol=2e-3 * one.size
+        )
 
 
 @of_each_robot
 @pytest.mark.parametrize(("path", "duration_s"), [("circle", 3.0), ("spiral", 8.0)])
 def test_the_first_ticks_are_those_of_the_rig_of_that_path(name, path, duration_s):
-    one, its = rig(name), of(name, path)
+    one, its = rig(name), path_of(name, path)
     expected = one.path(path, duration_s=duration_s)
     np.testing.assert_allclose(its.desired[: len(expected)], expected, atol=1e-12 * one.size)
 
@@ -48,23 +50,25 @@ def largest_step(desired: np.ndarray) -> float:
 @pytest.mark.parametrize("path", ["circle", "spiral", REST])
 @of_each_robot
 def test_a_change_of_path_has_no_jump(name, path, former):
-    """No tick moves farther than both paths and a fade of 2 radii in 1 s, 15/8 of a ramp."""
-    one, was = rig(name), of(name, former)
+    """The largest step is that of both paths and of a fade over 2 radii in 1 s, 15/8 of a ramp."""
+    one, was = rig(name), path_of(name, former)
     at = 3 + len(was.desired) + round(0.4 * was.cycle)
-    now = course(one, path, was, at)
+    now = reference_path(one, path, was, at)
     before, _ = was.at(at + np.arange(-3, 0))
     after, _ = now.at(np.arange(2 * len(now.desired)))
-    fastest = largest_step(of(name, path).desired) + largest_step(was.desired)
+    fastest = largest_step(path_of(name, path).desired) + largest_step(was.desired)
     motion = largest_step(np.concatenate([before, after]))
     assert motion <= fastest + 15 / 8 * 2 * one.size * one.period_s
     np.testing.assert_allclose(after[0], was.at(at + np.arange(1))[0][0], atol=1e-12 * one.size)
-    np.testing.assert_array_equal(now.desired[-now.cycle :], of(name, path).desired[-now.cycle :])
+    np.testing.assert_array_equal(
+        now.desired[-now.cycle :], path_of(name, path).desired[-now.cycle :]
+    )
 
 
 def test_a_change_to_steps_goes_to_rest_first():
-    """Steps are jumps of their own; until the first of them the fade is smooth."""
-    one, was = rig("hexapod"), of("hexapod", "circle")
-    now = course(one, "steps", was, 2500)
+    """Steps are jumps by definition; before the first one the fade is smooth."""
+    one, was = rig("hexapod"), path_of("hexapod", "circle")
+    now = reference_path(one, "steps", was, 2500)
     switch = round(1.0 / one.period_s)
     assert largest_step(now.desired[:switch]) < 0.02 * one.size
     np.testing.assert_allclose(now.desired[switch], 0.0, atol=1e-9 * one.size)

@@ -1,11 +1,11 @@
-"""The last minute as a recording: what happened to both machines can be read back."""
+"""The recording of the last minute can be read back."""
 
 import json
 
 import numpy as np
 import pytest
 
-from fjh.live.kept import keep
+from fjh.live.save import save_recording
 from fjh.live.session import Session
 from fjh.recording.properties import properties_of
 from fjh.study.errors import OutputError
@@ -14,8 +14,8 @@ from tests.fjh.rigs import rig
 
 
 @pytest.mark.long
-def test_what_happened_is_read_back_from_the_recording_beside_former_ones(tmp_path):
-    """A strut that locked and was repaired, another one that is weak, a bump."""
+def test_last_minute_is_read_back_from_the_next_recording(tmp_path):
+    """One strut locks and is repaired, another one is weak, and there is a bump."""
     session, file = Session(rig("hexapod"), seed=4), tmp_path / "live_2.rrd"
     (tmp_path / "live_1.rrd").touch()  # of another day
     session.advance(19)
@@ -25,11 +25,14 @@ def test_what_happened_is_read_back_from_the_recording_beside_former_ones(tmp_pa
     session.make(3, "weak")
     session.disturb("bump")
     session.advance(60)
-    assert keep(tmp_path, session) == f"The last 0 s are in {file}."
-    assert {each.name for each in tmp_path.iterdir()} == {"live_1.rrd", "live_2.rrd"}
+    assert save_recording(tmp_path, session) == f"The last 0 s are in {file}."
+    assert {incident.name for incident in tmp_path.iterdir()} == {"live_1.rrd", "live_2.rrd"}
     stated = json.loads(properties_of(file)["flight"])
-    happened = {(each["actuator"], each["kind"], each["time_s"]) for each in stated["incidents"]}
-    assert happened == {
+    incidents = {
+        (incident["actuator"], incident["kind"], incident["time_s"])
+        for incident in stated["incidents"]
+    }
+    assert incidents == {
         *(("strut1", "locked", 0.02), ("strut1", "sound", 0.04), ("strut4", "weak", 0.04)),
         (None, "bump", 0.04),
     }
@@ -39,4 +42,4 @@ def test_what_happened_is_read_back_from_the_recording_beside_former_ones(tmp_pa
         assert len(ticks) >= 20
         np.testing.assert_allclose(true, 1e6 * run.true[ticks], rtol=1e-3, atol=1e-6)
     with pytest.raises(OutputError):
-        keep(tmp_path / "live_1.rrd", session)
+        save_recording(tmp_path / "live_1.rrd", session)

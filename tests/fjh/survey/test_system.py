@@ -1,10 +1,10 @@
-"""What is surveyed: matrices in files as people write them, limits, and what is refused."""
+"""Surveyed systems: matrices in several file formats, limits, and invalid input."""
 
 import numpy as np
 import pytest
 
 from fjh.study.errors import WrongInput
-from fjh.survey.subject import matrix_subject
+from fjh.survey.system import matrix_system
 from prioritized import ConstrainedSystem
 from sim import MODELS
 from tests.fjh.survey.surveys import conditions, of_matrix, of_robot, speeds, written
@@ -26,20 +26,20 @@ B = np.random.default_rng(3).normal(size=(3, 5))
         "tabs.tsv": "\ufeffa\tb\tc\n1\t2\t0\n0\t1\t3\n",
     }.items(),
 )
-def test_a_matrix_is_the_same_with_names_and_without(tmp_path, name, text):
+def test_matrix_is_the_same_with_and_without_names(tmp_path, name, text):
     (tmp_path / name).write_text(text)
-    subject = matrix_subject(tmp_path / name, None, None, None, None)
-    np.testing.assert_array_equal(subject.system.J_T, [[1, 2, 0], [0, 1, 3]])
+    system = matrix_system(tmp_path / name, None, None, None, None)
+    np.testing.assert_array_equal(system.constrained_system.J_T, [[1, 2, 0], [0, 1, 3]])
     has_header, has_names = "a" in text[:8] and "b" in text[:8], "x," in text
-    assert subject.actuators == (tuple("abc") if has_header else ("u1", "u2", "u3"))
-    assert subject.rows == (tuple("xy") if has_names else ("row 0", "row 1"))
-    assert subject.major == (0, 1)
+    assert system.actuators == (tuple("abc") if has_header else ("u1", "u2", "u3"))
+    assert system.rows == (tuple("xy") if has_names else ("row 0", "row 1"))
+    assert system.major == (0, 1)
     if has_names:
-        assert matrix_subject(tmp_path / name, None, None, "y", None).major == (1,)
+        assert matrix_system(tmp_path / name, None, None, "y", None).major == (1,)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("a,b,c\n", "has no numbers"),
         ("1,2\n3\n", "row 2, column 2 must be a number below"),
@@ -50,15 +50,15 @@ def test_a_matrix_is_the_same_with_names_and_without(tmp_path, name, text):
         pytest.param("1," * 200 + "1\n", "1 to 200 rows", id="wide"),
     ],
 )
-def test_a_file_that_is_no_matrix_is_refused_in_one_sentence(tmp_path, text, said):
+def test_invalid_matrix_file_is_rejected_in_one_sentence(tmp_path, text, message):
     (tmp_path / "B.csv").write_text(text)
-    with pytest.raises(WrongInput, match=said) as refused:
-        matrix_subject(tmp_path / "B.csv", None, None, None, None)
-    assert "B.csv" in str(refused.value) and "\n" not in str(refused.value)
+    with pytest.raises(WrongInput, match=message) as error:
+        matrix_system(tmp_path / "B.csv", None, None, None, None)
+    assert "B.csv" in str(error.value) and "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("arguments", "message"),
     [
         (["--lower", "1", "--upper", "-1"], "--lower of u1 is above its --upper: 1 > -1"),
         (["--upper", "L.csv"], "with 3"),
@@ -68,11 +68,13 @@ def test_a_file_that_is_no_matrix_is_refused_in_one_sentence(tmp_path, text, sai
         ([str(MODELS / "arm.xml")], "one of them is surveyed at a time"),
     ],
 )
-def test_what_a_matrix_cannot_be_asked_is_refused(tmp_path, refused, monkeypatch, words, said):
+def test_invalid_options_of_a_matrix_are_rejected(
+    tmp_path, refused, monkeypatch, arguments, message
+):
     monkeypatch.chdir(tmp_path)
     written(tmp_path / "B.csv", B[:2])
     written(tmp_path / "L.csv", np.ones((1, 3)))
-    assert said in refused("survey", "--matrix", "B.csv", *words, "--out", "out")
+    assert message in refused("survey", "--matrix", "B.csv", *arguments, "--out", "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -80,20 +82,20 @@ def test_limits_come_from_files_of_numbers_in_a_row_or_a_column(tmp_path):
     file = written(tmp_path / "B.csv", B)
     upper = written(tmp_path / "U.csv", np.arange(1.0, 6.0)[None])
     column = written(tmp_path / "V.csv", np.arange(1.0, 6.0)[:, None])
-    found = [of_matrix(file, lower="-1", upper=str(each)).start for each in (upper, column)]
-    np.testing.assert_array_equal(speeds(found[0]), speeds(found[1]))
+    starts = [of_matrix(file, lower="-1", upper=str(limits)).start for limits in (upper, column)]
+    np.testing.assert_array_equal(speeds(starts[0]), speeds(starts[1]))
     kin = ConstrainedSystem(B, None, range(5)).kinematics()
     radius = kin.attainable(range(3), (-1, range(1, 6))).radius
-    assert speeds(found[0])[0] == pytest.approx(radius)
+    assert speeds(starts[0])[0] == pytest.approx(radius)
 
 
 def test_velocity_actuators_limit_rates_and_gears_count():
-    file, words = TEST_MODELS / "stretched.xml", {"site": "tip", "axes": None, "major": "4"}
-    found = of_robot(file, **words)
-    subject, healthy = found.subject, conditions(found).loc["sound"]
+    file, task = TEST_MODELS / "stretched.xml", {"site": "tip", "axes": None, "major": "4"}
+    survey = of_robot(file, **task)
+    system, healthy = survey.system, conditions(survey).loc["sound"]
     assert np.isnan(healthy.worst_speed_m_per_s) and healthy.speed_left == 1.0
-    np.testing.assert_allclose(subject.rates, [[-0.5, -1, -np.inf], [0.5, 3, np.inf]])
-    assert subject.sources["rates"] is not None and subject.torques is not None
-    np.testing.assert_allclose(subject.torques[1], [np.inf, np.inf, 7])
-    given = of_robot(file, lower="-2", upper="2", **words).subject
-    np.testing.assert_array_equal(given.rates, [[-2] * 3, [2] * 3])
+    np.testing.assert_allclose(system.rates, [[-0.5, -1, -np.inf], [0.5, 3, np.inf]])
+    assert system.sources["rates"] is not None and system.torques is not None
+    np.testing.assert_allclose(system.torques[1], [np.inf, np.inf, 7])
+    stated = of_robot(file, lower="-2", upper="2", **task).system
+    np.testing.assert_array_equal(stated.rates, [[-2] * 3, [2] * 3])

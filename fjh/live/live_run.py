@@ -1,0 +1,148 @@
+"""Simulation of one machine with its controller, tick by tick, for an unknown duration."""
+
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+
+from fjh.rig import Rig, Run
+from fjh.rig.events import Event
+from fjh.rig.events.effects import Effect
+from fjh.rig.events.hooks import Hooks, effect_of
+from fjh.rig.run import HEALTHY, run_of
+from ftc import LoopRun, SupervisorState, one_tick
+from ftc.fdi import LEARNING_S
+from sim import Array, Failure, Pose
+
+Kind = Literal["sound", "locked", "free", "weak"]
+
+
+class LiveRun:
+    """Running simulation of a machine and its controller, with its failures and events.
+
+    Attributes:
+        rig: The robot.
+        controller: Controller, from :meth:`.Rig.supervisor` or :meth:`.Rig.controller`.
+        state: State of the controller.
+        tick: Number of simulated ticks.
+        desired: Desired displacements of all ticks, (N, m1), [rad] or [m].
+        changes: Time [s], actuator number and new kind of each change.
+        events: Other events.
+    """
+
+    def __init__(self, rig: Rig, controller: Any, ticks: int, seed: int) -> None:
+        """Start a run of at most `ticks` ticks at rest.
+
+        The seed determines all noise and the random parameters of events.
+        """
+        self.rig, self.controller, self.state = rig, controller, controller.start()
+        self._hooks, self._seed, self._since = Hooks(), seed, 0
+        self._time_s = np.arange(ticks) * rig.period_s
+        self._bench = rig.bench(self._time_s, (), seed, self._hooks)
+        self.tick, m1 = 0, len(rig.major)
+        self.desired, self._measured = np.empty((ticks, m1)), np.empty((ticks, m1))
+        self._inputs = np.empty((ticks, len(rig.actuators)))
+        self._effects = dict[str, Effect]()
+        self.changes, self.events = list[tuple[float, int, Kind]](), list[Event]()
+
+    @property
+    def now_s(self) -> float:
+        """Time of the next tick [s]."""
+        return self.tick * self.rig.period_s
+
+    @property
+    def ticks_left(self) -> int:
+        """Number of ticks until the longest duration."""
+        return len(self._time_s) - self.tick
+
+    def step(self, reference: Array, demand: Array | None) -> None:
+        """Simulate one tick.
+
+        Raises:
+            sim.SimulationDiverged: The state of the physics is not finite.
+        """
+        k, known = self.tick, {} if demand is None else {"feedforward": demand}
+        self.desired[k] = reference
+        self.state, self._measured[k] = one_tick(
+            self._bench, self.controller.step, self.state, reference, **known
+        )
+        self._inputs[k] = self.state.inputs
+        self.tick = k + 1
+
+    def make(self, actuator: int, kind: Kind) -> None:
+        """Let a healthy actuator fail, or repair it, from the next tick on.
+
+        Raises:
+            sim.ModelError: The failure is a lock, and the model has none for this actuator.
+        """
+        if kind == HEALTHY:
+            self._bench.plant.repair(actuator)
+        else:
+            Failure(actuator, kind, self.now_s).inject(self._bench.plant)
+        self.changes.append((self.now_s, actuator, kind))
+
+    def start_event(self, name: str) -> None:
+        """Start an event without an actuator at the next tick."""
+        self.end_event(name)
+        event = Event(name, self.now_s)
+        count = sum(former.name == name for former in self.events)
+        self._effects[name], _ = effect_of(self.rig, event, self._seed, count)
+        self._hooks.start(self.tick, self._effects[name])
+        self.events.append(event)
+
+    def end_event(self, name: str) -> None:
+        """End an event, if it is active."""
+        if (effect := self._effects.pop(name, None)) is not None:
+            self._hooks.end(effect)
+
+    def switch_controller(self, controller: Any, state: Any = None) -> None:
+        """Continue with another controller in a state; None: transferred from the present state."""
+        self.state = controller.transfer(self.state) if state is None else state
+        self.controller = controller
+        self._since = self.tick - getattr(self.state, "ticks", 0)
+
+    @property
+    def diagnosis_text(self) -> str:
+        """Sentence on the controller's present diagnosis and its reason."""
+        state = self.state
+        if not isinstance(state, SupervisorState):
+            return "No diagnosis: the controller continues with its present information."
+        if state.is_learning and not state.monitor_state.relearns:
+            return f"Learning the healthy machine in the first {LEARNING_S:g} s."
+        text = state.status
+        if state.sensors.failed:
+            text = f"{text[:-1]}; {state.sensors.sentence(self.rig.period_s)}."
+        return text
+
+    def error(self, ticks: slice) -> Array:
+        """Return the error, desired minus true, of a slice of past ticks, [rad] or [m], (T, m1)."""
+        return self.desired[ticks] - self.motion(ticks)[2]
+
+    @property
+    def frame(self) -> tuple[Array, Array]:
+        """Task frame in the world: origin (3,) [m] at rest, and axes (3, 3) of its rows."""
+        return self._bench.plant.origin_m, self._bench.plant.axes
+
+    def motion(self, ticks: slice) -> tuple[Array, Array, Array]:
+        """Return displacements (T, 6), qpos (T, nq), true rows (T, m1) of a slice of past ticks."""
+        bench = self._bench
+        assert bench.qpos is not None  # a rig logs them
+        pose = Pose(bench.rotation[ticks], bench.translation_m[ticks])
+        return pose.displacement(), bench.qpos[ticks], self.rig.reached(pose)
+
+    def logged_run(self, first: int) -> Run:
+        """Return the run from a tick on, with earlier failures that still exist.
+
+        Poses estimated by the controller are not logged, at some kilobytes each.
+        """
+        looped = LoopRun(self._measured, self._inputs, self.state)
+        start_s, ticks = first * self.rig.period_s, slice(first, self.tick)
+        last = {actuator: at_s for at_s, actuator, _ in self.changes if at_s < start_s}
+        failures = [
+            Failure(actuator, kind, at_s)
+            for at_s, actuator, kind in self.changes
+            if kind != HEALTHY and (at_s >= start_s or last[actuator] == at_s)
+        ]
+        context = looped, self._time_s, self.desired, failures, ticks, self._since
+        run = run_of(self.rig, self._bench, *context)
+        return replace(run, events=tuple(e for e in self.events if e.time_s >= start_s))
