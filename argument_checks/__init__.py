@@ -18,12 +18,12 @@ from argument_checks.arrays import is_moderate as is_moderate
 from argument_checks.arrays import is_plain as is_plain
 from argument_checks.arrays import limits as limits
 from argument_checks.arrays import read_only as read_only
-from argument_checks.arrays import shown as shown
+from argument_checks.arrays import short_repr as short_repr
 from argument_checks.arrays import weight as weight
 from argument_checks.records import computed as computed
-from argument_checks.records import keep as keep
+from argument_checks.records import freeze_field as freeze_field
 from argument_checks.records import lock as lock
-from argument_checks.records import made as made
+from argument_checks.records import unchecked_record as unchecked_record
 from argument_checks.values import DAY_S as DAY_S
 from argument_checks.values import SECONDS as SECONDS
 from argument_checks.values import attributes as attributes

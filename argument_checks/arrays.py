@@ -20,7 +20,7 @@ SMALLEST = 1e-120
 """A matrix that is not zero must be as large, for the same reason: they must not vanish."""
 
 
-def shown(value: Any) -> str:
+def short_repr(value: Any) -> str:
     """What came, on one short line of the sentence that refuses it."""
     try:
         text = " ".join(repr(value).split())
@@ -102,13 +102,13 @@ def limits(
     try:
         lower, upper = value
     except (TypeError, ValueError):
-        raise ValueError(f"{name} must be a pair (lower, upper), got {shown(value)}") from None
+        raise ValueError(f"{name} must be a pair (lower, upper), got {short_repr(value)}") from None
     lower, upper = _side(name, lower, size), _side(name, upper, size)
     if lower.shape != upper.shape:
         common_axes({f"{name}[0]": lower.shape[:-1], f"{name}[1]": upper.shape[:-1]})
         lower, upper = np.broadcast_arrays(lower, upper)
     if (lower > upper).any() or (lower == np.inf).any() or (upper == -np.inf).any():
-        raise ValueError(f"{name} must be a lower and an upper limit, got {shown(value)}")
+        raise ValueError(f"{name} must be a lower and an upper limit, got {short_repr(value)}")
     if batch:
         return lower, upper
     if lower.ndim > 1:
@@ -131,9 +131,8 @@ def weight(name: str, value: ArrayLike, size: int, *, semidefinite: bool = False
     _refuse_tiny(name, W)
     round_off = 1e-12 * np.abs(W).max(initial=0.0)
     if W.shape != (size, size) or (np.abs(W - W.T) > round_off).any():
-        raise ValueError(
-            f"{name} must be a diagonal of {size} or a symmetric matrix, got {shown(W.tolist())}"
-        )
+        got = short_repr(W.tolist())
+        raise ValueError(f"{name} must be a diagonal of {size} or a symmetric matrix, got {got}")
     if (lowest := np.linalg.eigvalsh(W).min(initial=0.0)) < -round_off * size:
         raise ValueError(f"{name} must have no negative eigenvalue, got {lowest:.3g}")
     return W
@@ -161,14 +160,14 @@ def read_only(A: NDArray[_T]) -> NDArray[_T]:
     return A
 
 
-def flat(A: Array, own: int, lead: tuple[int, ...]) -> Array:
+def flat(A: Array, axes: int, lead: tuple[int, ...]) -> Array:
     """Arrays of so many axes of their own, broadcast to batch axes and then as one batch, in C.
 
     Without batch axes the array itself.
     """
     if not lead:
         return np.ascontiguousarray(A)
-    shape = A.shape[A.ndim - own :]
+    shape = A.shape[A.ndim - axes :]
     return np.ascontiguousarray(np.broadcast_to(A, (*lead, *shape))).reshape(-1, *shape)
 
 
@@ -188,11 +187,11 @@ def _as_float64(name: str, value: ArrayLike | None) -> Array:
 
 
 def _has_shape(A: Array, shape: tuple[int | EllipsisType | None, ...]) -> bool:
-    found = A.shape
+    lengths = A.shape
     if shape[0] is ...:
         shape = shape[1:]
-        found = found[max(len(found) - len(shape), 0) :]
-    return found == shape or (len(found) == len(shape) and all(map(_fits, found, shape)))
+        lengths = lengths[max(len(lengths) - len(shape), 0) :]
+    return lengths == shape or (len(lengths) == len(shape) and all(map(_fits, lengths, shape)))
 
 
 def _fits(length: int, size: int | EllipsisType | None) -> bool:
@@ -202,8 +201,8 @@ def _fits(length: int, size: int | EllipsisType | None) -> bool:
 def _written(shape: tuple[int | EllipsisType | None, ...]) -> str:
     """A shape as in error messages: (3,), (..., any, 6)."""
     names = {None: "any", ...: "..."}
-    words = [names[each] if each is None or each is ... else str(each) for each in shape]
-    return f"({', '.join(words)}{',' if len(words) == 1 else ''})"
+    lengths = [names[n] if n is None or n is ... else str(n) for n in shape]
+    return f"({', '.join(lengths)}{',' if len(lengths) == 1 else ''})"
 
 
 def _refuse_tiny(name: str, A: Array) -> None:

@@ -18,12 +18,12 @@ def lock(record: object) -> None:
 
 def computed(kind: type[_Kind], **fields: Any) -> _Kind:
     """A frozen record of new arrays that come from checked ones, at every tick: locked alone."""
-    record = made(kind, **fields)
+    record = unchecked_record(kind, **fields)
     lock(record)
     return record
 
 
-def made(kind: type[_Kind], **fields: Any) -> _Kind:
+def unchecked_record(kind: type[_Kind], **fields: Any) -> _Kind:
     """A frozen record of arrays that are locked already, made without its own checks."""
     record = object.__new__(kind)
     record.__dict__.update(fields)
@@ -36,12 +36,12 @@ def changed(record: _Kind, **fields: Any) -> _Kind:
     That takes seven times as long, several times a tick. For frozen records that check nothing when
     they are made, and keep nothing that is computed from their fields.
     """
-    after = object.__new__(type(record))
-    after.__dict__.update(record.__dict__, **fields)
-    return after
+    copy = object.__new__(type(record))
+    copy.__dict__.update(record.__dict__, **fields)
+    return copy
 
 
-def keep(frozen: object, name: str, *shape: int) -> None:
+def freeze_field(frozen: object, name: str, *shape: int) -> None:
     """Check an array of a frozen dataclass, and keep a read-only copy, in C's order."""
     A = np.array(array(name, getattr(frozen, name), ..., *shape), order="C")
     object.__setattr__(frozen, name, read_only(A))

@@ -29,8 +29,8 @@ def exceeds(
     """
     a, b = np.asarray(value, dtype=float), np.asarray(bound, dtype=float)
     with np.errstate(invalid="ignore"):  # infinity less infinity
-        room = accuracy * np.maximum(np.abs(a), np.abs(b))
-        return (a > b) & ~(a - b <= np.maximum(np.where(np.isinf(room), 0.0, room), zero))
+        margin = accuracy * np.maximum(np.abs(a), np.abs(b))
+        return (a > b) & ~(a - b <= np.maximum(np.where(np.isinf(margin), 0.0, margin), zero))
 
 
 def greatest(values: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -> int:
@@ -40,8 +40,8 @@ def greatest(values: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -
     """
     x = np.asarray(values, dtype=float)
     most = float(x.max())
-    room = max(accuracy * abs(most), zero) if isfinite(most) else 0.0
-    return int(np.argmax((x >= most - room) | (x != x)))
+    margin = max(accuracy * abs(most), zero) if isfinite(most) else 0.0
+    return int(np.argmax((x >= most - margin) | (x != x)))
 
 
 def least(values: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -> int:
@@ -66,8 +66,8 @@ def ranks(values: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -> I
     Arguments as of :func:`exceeds`. Numbers are equal, too, if others between them connect them.
     """
     x = np.asarray(values, dtype=float)
-    order, found = np.argsort(x, kind="stable"), np.zeros(len(x), dtype=np.intp)
+    order, result = np.argsort(x, kind="stable"), np.zeros(len(x), dtype=np.intp)
     before, after = x[order[:-1]], x[order[1:]]
     larger = exceeds(after, before, accuracy, zero) | (np.isnan(after) & ~np.isnan(before))
-    found[order[1:]] = np.cumsum(larger)
-    return found
+    result[order[1:]] = np.cumsum(larger)
+    return result

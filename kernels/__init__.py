@@ -30,16 +30,16 @@ def _load() -> Any:
         ImportError: It is missing, or was built from other sources than these.
     """
     path = Path(os.environ.get("FJH_KERNELS", LIBRARY))
-    what = "compile the kernels of fjh first: `make venv`, or `pip install --editable .`"
+    advice = "compile the kernels of fjh first: `make venv`, or `pip install --editable .`"
     if not path.exists():
-        raise ImportError(f"{path} is missing: {what}")
+        raise ImportError(f"{path} is missing: {advice}")
     # Not by its name, whose first part the build of the wheel would take for a module.
     (file,) = Path(__file__).parent.glob("k*.h")
     header = file.read_text(encoding="utf-8")
     ffi.cdef(re.sub(r"^#.*$", "", header, flags=re.MULTILINE))
     library: Any = ffi.dlopen(str(path))
     if ffi.string(library.kernels_digest()).decode() != digest():
-        raise ImportError(f"{path} was built from other sources: {what}")
+        raise ImportError(f"{path} was built from other sources: {advice}")
     return library
 
 
@@ -61,8 +61,8 @@ class Struct:
 
     def __init__(self, kind: str, **fields: Any) -> None:
         self._kind, self._fields = kind, fields
-        given = {name: _field(each) for name, each in fields.items() if each is not None}
-        self.pointer = ffi.new(f"{kind} *", given)
+        values = {name: _field(value) for name, value in fields.items() if value is not None}
+        self.pointer = ffi.new(f"{kind} *", values)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _struct, (self._kind, self._fields)

@@ -54,15 +54,16 @@ def build(library: Path = LIBRARY, flags: Sequence[str] = ()) -> None:
         raise BuildError(_MISSING)
     library.parent.mkdir(parents=True, exist_ok=True)
     # Moved to its place when complete: another process may be loading the old one.
-    made = library.with_name(f"{os.getpid()}{library.name}")
+    temporary = library.with_name(f"{os.getpid()}{library.name}")
     sources = sorted(map(str, FOLDER.glob("*.c")))
-    wanted = [*FLAGS, *flags, f'-DKERNELS_DIGEST="{digest()}"', "-o", str(made), *sources, "-lm"]
-    done = subprocess.run([*command, *wanted], capture_output=True, text=True)
-    if done.returncode:
-        made.unlink(missing_ok=True)
-        said = " ".join(done.stderr.split()) or f"exit code {done.returncode}"
-        raise BuildError(f"{' '.join(command)} cannot compile the kernels of fjh: {said}")
-    made.replace(library)
+    define = f'-DKERNELS_DIGEST="{digest()}"'
+    arguments = [*FLAGS, *flags, define, "-o", str(temporary), *sources, "-lm"]
+    completed = subprocess.run([*command, *arguments], capture_output=True, text=True)
+    if completed.returncode:
+        temporary.unlink(missing_ok=True)
+        message = " ".join(completed.stderr.split()) or f"exit code {completed.returncode}"
+        raise BuildError(f"{' '.join(command)} cannot compile the kernels of fjh: {message}")
+    temporary.replace(library)
 
 
 if __name__ == "__main__":

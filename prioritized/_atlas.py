@@ -10,20 +10,20 @@ from numpy.typing import ArrayLike, NDArray
 import argument_checks as check
 from argument_checks import Array, Mask
 from prioritized._analysis.major_maps import unweighted
-from prioritized._analysis.worst import Within
+from prioritized._analysis.worst import ActuatorLimits
 from prioritized._mapping.problem import Problem
 from prioritized._mapping.task import task_selection
 from prioritized._mechanism.decisions import MajorTask, respanned
 from prioritized._mechanism.failures import Failures, failed_actuators
 from prioritized._mechanism.motions import Motions, motions_of, with_stiffness
-from prioritized._mechanism.names import Known, known_actuators
+from prioritized._mechanism.names import Aliases, actuator_aliases
 from prioritized._mechanism.task_motion import TaskMotion
 from prioritized._solver.arrays import ReadOnly, transposed
 from prioritized._solver.canonical import canonical
 from prioritized._solver.rank import RANK_TOLERANCE
 from prioritized._system import ConstrainedSystem
 
-SOUND, LOCKED, FREE = 0, 1, 2
+HEALTHY, LOCKED, FREE = 0, 1, 2
 
 MOST_ACTUATORS = 10
 """With more, all 3^n conditions no longer fit in memory."""
@@ -91,7 +91,7 @@ class FailureAtlas(Classes):
 
     codes: NDArray[np.int8]
     elastic: Classes | None
-    known_actuators: Known
+    actuator_names: Aliases
 
     def describe(self, row: int) -> str:
         """The condition of a row in words, such as "knee locked, hip free", or "sound".
@@ -102,7 +102,7 @@ class FailureAtlas(Classes):
         locked, free = (
             frozenset(np.flatnonzero(condition == code).tolist()) for code in (LOCKED, FREE)
         )
-        return Failures(locked, free).in_words(self.known_actuators, ())
+        return Failures(locked, free).describe(self.actuator_names, ())
 
     def row(self, locked: Iterable[int | str] = (), free: Iterable[int | str] = ()) -> int:
         """Row of the condition with exactly these failures, actuators by number or name.
@@ -111,13 +111,13 @@ class FailureAtlas(Classes):
             ValueError: The atlas does not hold it, or one actuator both locked and free.
         """
         condition = np.zeros(self.codes.shape[1], dtype=np.int8)
-        lock, release = failed_actuators(locked, free, self.known_actuators)
+        lock, release = failed_actuators(locked, free, self.actuator_names)
         condition[sorted(lock)] = LOCKED
         condition[sorted(release)] = FREE
-        found = np.flatnonzero((self.codes == condition).all(axis=1))
-        if not found.size:
+        matches = np.flatnonzero((self.codes == condition).all(axis=1))
+        if not matches.size:
             raise ValueError(f"the atlas holds no condition {condition.tolist()}")
-        return int(found[0])
+        return int(matches[0])
 
 
 def failure_atlas(
@@ -153,30 +153,32 @@ def failure_atlas(
     m = system.J_T.shape[0]
     S_m, S_s = task_selection(major, secondary, m)
     conditions = _conditions(codes, n)
-    known = system.failures
+    existing = system.failures
     locked, free = conditions == LOCKED, conditions == FREE
-    locked[:, sorted(known.locked)] = True
-    free[:, sorted(known.free)] = True
+    locked[:, sorted(existing.locked)] = True
+    free[:, sorted(existing.free)] = True
     active, units = ~locked & ~free, system.geometry.velocity_units[system.active]
-    within = Within(
+    limits = ActuatorLimits(
         active,
         _limits("rate_limits", rate_limits, active.shape, 1.0 / units),
         _limits("torque_limits", torque_limits, active.shape, units),
     )
-    stuck = np.array(sorted(known.locked_passive), dtype=np.intp)
+    stuck = np.array(sorted(existing.locked_passive), dtype=np.intp)
     motions = motions_of(system.geometry, system.active, stuck, (locked, active))
-    rigid = _classes(motions, MajorTask(TaskMotion.of(motions, system.active), S_m, S_s), within)
+    rigid = _classes(motions, MajorTask(TaskMotion.of(motions, system.active), S_m, S_s), limits)
     elastic = None
     if system.stiffness is not None:
-        settled = with_stiffness(motions, system.geometry.stiffness(system.stiffness))
+        elastic_motions = with_stiffness(motions, system.geometry.stiffness(system.stiffness))
         elastic = _classes(
-            settled, MajorTask(TaskMotion.of(settled, system.active), S_m, S_s), within
+            elastic_motions,
+            MajorTask(TaskMotion.of(elastic_motions, system.active), S_m, S_s),
+            limits,
         )
     return FailureAtlas(
         **vars(rigid),
         codes=conditions,
         elastic=elastic,
-        known_actuators=known_actuators(system.names, system.active),
+        actuator_names=actuator_aliases(system.names, system.active),
     )
 
 
@@ -184,9 +186,9 @@ def _conditions(codes: ArrayLike | None, n: int) -> NDArray[np.int8]:
     if codes is None:
         if n > MOST_ACTUATORS:
             raise ValueError(f"codes must be given for more than {MOST_ACTUATORS} actuators: {n}")
-        return np.array(list(itertools.product((SOUND, LOCKED, FREE), repeat=n)), dtype=np.int8)
+        return np.array(list(itertools.product((HEALTHY, LOCKED, FREE), repeat=n)), dtype=np.int8)
     listed = check.array("codes", codes, None, n)
-    if (strange := listed[~np.isin(listed, (SOUND, LOCKED, FREE))]).size:
+    if (strange := listed[~np.isin(listed, (HEALTHY, LOCKED, FREE))]).size:
         raise ValueError(f"codes must be 0 (sound), 1 (locked) or 2 (free), got {strange[0]:g}")
     return listed.astype(np.int8)
 
@@ -203,43 +205,46 @@ def _limits(
     return np.broadcast_to(lower * units, shape), np.broadcast_to(upper * units, shape)
 
 
-def _classes(motions: Motions, task: MajorTask, within: Within) -> Classes:
-    whole = task.task
+def _classes(motions: Motions, task: MajorTask, limits: ActuatorLimits) -> Classes:
+    task_motion = task.task
     m1, m2 = len(task.S_m), len(task.S_s)
-    reach, secondary, moved = task.reach, task.secondary, whole.moved
-    geometry = whole.geometry
-    possible = (reach.rank == m1) & (task.moved.rank == 0)
-    moves = moved.U[..., : moved.kept.shape[1]] * moved.kept[:, None, :]
+    decision, secondary, moved = task.decision, task.secondary, task_motion.moved
+    geometry = task_motion.geometry
+    possible = (decision.rank == m1) & (task.moved.rank == 0)
+    moves = moved.U[..., : moved.significant.shape[1]] * moved.significant[:, None, :]
     self_motion = canonical(respanned(moves, geometry.task_units))
     lost = secondary.U * (np.arange(m2) >= secondary.rank[:, None])[:, None, :]
     gains = np.zeros((len(possible), m1))
-    gains[:, : reach.sigma.shape[1]] = np.where(reach.kept, reach.sigma, 0.0)
+    gains[:, : decision.sigma.shape[1]] = np.where(decision.significant, decision.sigma, 0.0)
     problem = _problem(motions, task)
     return Classes(
         possible=possible,
-        unmanipulable=reach.rank < m1,
-        unmanipulable_task=whole.reach.rank < len(geometry.J_T),
+        unmanipulable=decision.rank < m1,
+        unmanipulable_task=task_motion.decision.rank < len(geometry.J_T),
         unstable=moved.rank > 0,
         unstable_major=task.moved.rank > 0,
         irresolvable=motions.internal > 0,
-        constrained_active=motions.constraints(within.active.sum(axis=1)) > 0,
+        constrained_active=motions.constraints(limits.active.sum(axis=1)) > 0,
         gains=gains * task.measure.gain_unit,
-        major_rank=reach.rank,
+        major_rank=decision.rank,
         secondary_rank=secondary.rank,
         lost_secondary=canonical(respanned(lost, 1.0 / task.secondary_units)),
         self_motion=self_motion,
-        gap=np.minimum(task.gap, np.minimum(whole.reach.gap, moved.gap)),
-        worst_speed=within.speed(problem, possible),
-        worst_force=within.force(problem),
+        gap=np.minimum(task.gap, np.minimum(task_motion.decision.gap, moved.gap)),
+        worst_speed=limits.speed(problem, possible),
+        worst_force=limits.force(problem),
     )
 
 
 def _problem(motions: Motions, task: MajorTask) -> Problem:
     """Problems 1 and 6 without weights, of rates in natural units."""
-    whole, Z = task.task, motions.admissible
-    forbidden = np.eye(len(whole.rate_units)) - Z @ transposed(Z)
-    J, scale = task.handed_on(whole.J, whole.scale(None), forbidden)
-    Q = whole.moved.U[..., : whole.moved.kept.shape[1]] * whole.moved.kept[:, None, :]
+    task_motion, Z = task.task, motions.admissible
+    forbidden = np.eye(len(task_motion.rate_units)) - Z @ transposed(Z)
+    J, scale = task.truncated(task_motion.J, task_motion.scale(None), forbidden)
+    Q = (
+        task_motion.moved.U[..., : task_motion.moved.significant.shape[1]]
+        * task_motion.moved.significant[:, None, :]
+    )
     return unweighted(J, task.S_m, forbidden, Q, scale, RANK_TOLERANCE).natural(
-        whole.task_units, 1.0
+        task_motion.task_units, 1.0
     )

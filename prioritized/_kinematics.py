@@ -12,9 +12,9 @@ from argument_checks import Array, Indices
 from prioritized._analysis.attainable import Attainable, attainable
 from prioritized._analysis.major_maps import of_rates, of_torques, unweighted
 from prioritized._analysis.manipulability import Manipulability
-from prioritized._mapping.asked import Survivors
 from prioritized._mapping.force import ForceLimits, ForceMapping, force_mapping_of
 from prioritized._mapping.hierarchy import Hierarchy, hierarchy
+from prioritized._mapping.level_specs import Survivors
 from prioritized._mapping.limited import WhenLimited
 from prioritized._mapping.problem import Problem
 from prioritized._mapping.task import task_selection
@@ -23,7 +23,7 @@ from prioritized._mapping.velocity import VelocityMapping
 from prioritized._mapping.velocity_arguments import velocity_mapping
 from prioritized._mechanism.decisions import respanned
 from prioritized._mechanism.elimination import Partition
-from prioritized._mechanism.names import Known, Names, known_actuators, known_velocities
+from prioritized._mechanism.names import Aliases, Names, actuator_aliases, velocity_aliases
 from prioritized._mechanism.reduced import Reduced
 from prioritized._mechanism.statics import internal_rows, torque_gain
 from prioritized._solver.arrays import read_only
@@ -51,9 +51,9 @@ class Kinematics:
 
     def __repr__(self) -> str:
         """One line, for interactive use."""
-        each = known_actuators(self.names, self.system.joints.actuated)
-        left = ", ".join(next(iter(each[k]), f"actuator {k}") for k in self.actuators)
-        return f"<Kinematics of {left or 'no actuator'}>"
+        alias = actuator_aliases(self.names, self.system.joints.actuated)
+        survivors = ", ".join(next(iter(alias[k]), f"actuator {k}") for k in self.actuators)
+        return f"<Kinematics of {survivors or 'no actuator'}>"
 
     @property
     def actuators(self) -> Indices:
@@ -82,10 +82,10 @@ class Kinematics:
 
     @cached_property
     def _J(self) -> Array:
-        own = self._reduced
+        reduced = self._reduced
         if self.system.geometry.accuracy is None:
-            return own.J
-        return read_only(own.task_units[:, None] * own.J / own.rate_units)
+            return reduced.J
+        return read_only(reduced.task_units[:, None] * reduced.J / reduced.rate_units)
 
     @property
     def self_motion(self) -> Array:
@@ -102,8 +102,8 @@ class Kinematics:
 
         Columns: the c rows of J_C, then the s stuck joints by velocity index.
         """
-        own = self._reduced
-        return read_only(canonical(respanned(own.internal_force, 1.0 / own.force_units)).T)
+        reduced = self._reduced
+        return read_only(canonical(respanned(reduced.internal_force, 1.0 / reduced.force_units)).T)
 
     @property
     def active_constraint(self) -> Array:
@@ -112,28 +112,28 @@ class Kinematics:
 
     @cached_property
     def _active_constraint(self) -> Array:
-        own = self._reduced
-        return read_only(canonical(respanned(own.constraint.T, 1.0 / own.rate_units)).T)
+        reduced = self._reduced
+        return read_only(canonical(respanned(reduced.constraint.T, 1.0 / reduced.rate_units)).T)
 
     @cached_property
     def passive_gain(self) -> Array:
         """Passive rates per active rate, eq. (10), shape (N - n + q, n - q)."""
-        own = self._reduced
-        gain = own.moving_units * own.motion.gain / own.rate_units
+        reduced = self._reduced
+        gain = reduced.moving_units * reduced.motion.gain / reduced.rate_units
         return read_only(self.system.joints.among_passive(gain))
 
     @cached_property
     def passive_self_motion(self) -> Array:
         """Orthonormal basis of the passive motion, active joints locked, shape (N - n + q, d)."""
-        own = self._reduced
-        free = canonical(respanned(own.motion.free, own.moving_units[:, 0]))
+        reduced = self._reduced
+        free = canonical(respanned(reduced.motion.free, reduced.moving_units[:, 0]))
         return read_only(self.system.joints.among_passive(free))
 
     @cached_property
     def _constraint_gain(self) -> Array:
         """Constraint forces of least norm per task force, eq. (11), shape (c + s, m)."""
-        own = self._reduced
-        return own.constraint_gain / own.force_units[:, None] * own.task_units
+        reduced = self._reduced
+        return reduced.constraint_gain / reduced.force_units[:, None] * reduced.task_units
 
     @property
     def gap(self) -> float:
@@ -152,16 +152,16 @@ class Kinematics:
     @cached_property
     def _torque_gain(self) -> Array:
         """Torques in equilibrium with a task force and its constraint forces, (n - q, m)."""
-        own = self._reduced
-        gain = torque_gain(self.system, own.motion, own.constraint_gain)
-        return gain / own.rate_units[:, None] * own.task_units
+        reduced = self._reduced
+        gain = torque_gain(self.system, reduced.motion, reduced.constraint_gain)
+        return gain / reduced.rate_units[:, None] * reduced.task_units
 
     @cached_property
     def _internal_gain(self) -> Array:
         """Constraint forces per torque that is out of equilibrium without them, (c + s, n - q)."""
-        own = self._reduced
-        gain = internal_rows(self.system, own.motion).T @ own.active_constraint.inverse.T
-        return gain / own.force_units[:, None] * own.rate_units
+        reduced = self._reduced
+        gain = internal_rows(self.system, reduced.motion).T @ reduced.active_constraint.inverse.T
+        return gain / reduced.force_units[:, None] * reduced.rate_units
 
     def expand(self, rates: ArrayLike) -> Array:
         """Rates or torques of the survivors (..., n - q) for all actuators (..., n), else zero."""
@@ -202,8 +202,10 @@ class Kinematics:
         f_C = force @ self._constraint_gain.T
         if torques is None:
             return f_C
-        rest = check.array("torques", torques, ..., len(self.active)) - force @ self._torque_gain.T
-        return f_C + rest @ self._internal_gain.T
+        imbalance = (
+            check.array("torques", torques, ..., len(self.active)) - force @ self._torque_gain.T
+        )
+        return f_C + imbalance @ self._internal_gain.T
 
     def manipulability(self, major: Sequence[int] | ArrayLike) -> Manipulability:
         """The four conditions of section 2.2 for a major task, each with basis, gap and sentence.
@@ -215,19 +217,19 @@ class Kinematics:
             ValueError: A row out of range or repeated.
         """
         S_m, S_s = task_selection(major, None, len(self.J))
-        known = {
-            "idle": partial(self._known, self.passive),
-            "constrained_active": partial(self._known, self.active),
+        aliases = {
+            "unobservable": partial(self._aliases, self.passive),
+            "constrained_active": partial(self._aliases, self.active),
         }
-        return Manipulability(self._reduced.major(S_m, S_s), partial(getattr, self), known)
+        return Manipulability(self._reduced.major(S_m, S_s), partial(getattr, self), aliases)
 
-    def _known(self, velocities: Indices) -> Known:
+    def _aliases(self, velocities: Indices) -> Aliases:
         """These velocities by name, in the words of the system."""
-        known = list(known_velocities(self.names, self.system.J_T.shape[1]))
+        aliases = list(velocity_aliases(self.names, self.system.J_T.shape[1]))
         actuated = self.system.joints.actuated
-        for i, names in zip(actuated, known_actuators(self.names, actuated), strict=True):
-            known[i] = names
-        return tuple(known[i] for i in velocities)
+        for i, names in zip(actuated, actuator_aliases(self.names, actuated), strict=True):
+            aliases[i] = names
+        return tuple(aliases[i] for i in velocities)
 
     def velocity_mapping(
         self,
@@ -315,9 +317,9 @@ class Kinematics:
         T = self._survivors.matrix("tie_metric", tie_metric)
         box = self._survivors.pair(torque_limits)
         rows = self._survivors.rows("torque_rows", torque_rows)
-        given = ForceLimits(box, rows, force_rows, when_limited)
+        limits = ForceLimits(box, rows, force_rows, when_limited)
         weights, metrics = (W3, secondary_weight), (major_metric, T)
-        return force_mapping_of(self, major, secondary, weights, metrics, given)
+        return force_mapping_of(self, major, secondary, weights, metrics, limits)
 
     @property
     def _survivors(self) -> Survivors:
@@ -341,10 +343,10 @@ class Kinematics:
         Raises:
             ValueError: Wrong rows or limits, or too many facets to be listed.
         """
-        within, units = self._limits("rate_limits", rate_limits), self._reduced.mixed_units
-        moves = not self._reduced.holds(task_selection(major, None, len(self.J))[0])
-        own = within if units is None else within / units
-        return attainable(of_rates(self._task(major)), own, RANK_TOLERANCE, self_motion=moves)
+        box, units = self._limits("rate_limits", rate_limits), self._reduced.mixed_units
+        moves = not self._reduced.determines(task_selection(major, None, len(self.J))[0])
+        scaled = box if units is None else box / units
+        return attainable(of_rates(self._task(major)), scaled, RANK_TOLERANCE, self_motion=moves)
 
     def attainable_force(
         self,
@@ -364,16 +366,18 @@ class Kinematics:
         Raises:
             ValueError: Wrong rows or limits, or too many facets to be listed.
         """
-        within, units = self._limits("torque_limits", torque_limits), self._reduced.mixed_units
-        own = within if units is None else within * units
-        return attainable(of_torques(self._task(major)), own, RANK_TOLERANCE)
+        box, units = self._limits("torque_limits", torque_limits), self._reduced.mixed_units
+        scaled = box if units is None else box * units
+        return attainable(of_torques(self._task(major)), scaled, RANK_TOLERANCE)
 
     def _task(self, major: Sequence[int] | ArrayLike) -> Problem:
         """The problem of a major task, without weights."""
-        own = self._reduced
-        J, scale = own.decided(*task_selection(major, None, len(self.J)))
-        problem = unweighted(J, major, own.constraint, own.self_motion, scale, RANK_TOLERANCE)
-        return problem.natural(own.task_units, 1.0)
+        reduced = self._reduced
+        J, scale = reduced.truncated_jacobian(*task_selection(major, None, len(self.J)))
+        problem = unweighted(
+            J, major, reduced.constraint, reduced.self_motion, scale, RANK_TOLERANCE
+        )
+        return problem.natural(reduced.task_units, 1.0)
 
     def _limits(self, name: str, value: tuple[ArrayLike, ArrayLike] | None) -> Array:
         return limits(name, self._survivors.pair(value), len(self.actuators))

@@ -28,33 +28,33 @@ class Postures:
         lead: Lengths of the batch axes.
     """
 
-    each: tuple[Kinematics, ...]
+    kinematics: tuple[Kinematics, ...]
     lead: tuple[int, ...]
 
     @property
     def actuators(self) -> Indices:
         """Surviving actuators in nominal numbering, shape (n - q,)."""
-        return self.each[0].actuators
+        return self.kinematics[0].actuators
 
     @cached_property
     def J(self) -> Array:
         """Task Jacobian, eq. (14), shape (..., m, n - q)."""
-        return self._stacked([kin.J for kin in self.each])
+        return self._stack([kin.J for kin in self.kinematics])
 
     @cached_property
     def active_constraint(self) -> Array:
         """Orthonormal rows, eq. (17), below them zeros where others have more, (..., r, n - q)."""
-        return self._stacked(_filled([kin.active_constraint for kin in self.each]))
+        return self._stack(_filled([kin.active_constraint for kin in self.kinematics]))
 
     @cached_property
     def self_motion(self) -> Array:
         """Basis of the task motion with every active joint locked, then zeros, (..., m, k)."""
-        return transposed(self._stacked(_filled([kin.self_motion.T for kin in self.each])))
+        return transposed(self._stack(_filled([kin.self_motion.T for kin in self.kinematics])))
 
     @cached_property
     def passive_gain(self) -> Array:
         """Passive rates per active rate, eq. (10), shape (..., N - n + q, n - q)."""
-        return self._stacked([kin.passive_gain for kin in self.each])
+        return self._stack([kin.passive_gain for kin in self.kinematics])
 
     def passive_rates(self, rates: ArrayLike) -> Array:
         """As :meth:`prioritized.Kinematics.passive_rates`, shape (..., N - n + q).
@@ -66,7 +66,7 @@ class Postures:
 
     def velocities(self, rates: ArrayLike) -> Array:
         """All velocities in the order of J_T's columns, shape (..., N); arguments likewise."""
-        return self.each[0].system.joints.together(rates, self.passive_rates(rates))
+        return self.kinematics[0].system.joints.together(rates, self.passive_rates(rates))
 
     def velocity_mapping(
         self,
@@ -87,23 +87,23 @@ class Postures:
             joint_weight: W1, of all n actuators or the survivors; a matrix may be a batch.
             secondary_weight: W2 likewise.
         """
-        one, each = self.each[0], [kin._reduced for kin in self.each]
-        units = each[0]  # the mechanism's own, at every posture
+        first, reduced = self.kinematics[0], [kin._reduced for kin in self.kinematics]
+        units = reduced[0]  # the mechanism's own, at every posture
         S_m, S_s = task_selection(major, secondary, self.J.shape[-2])
         M = units.measure(S_m).metric
-        J, scale = zip(*(there.decided(S_m, S_s, M) for there in each), strict=True)
-        W1, natural = one._survivors.matrix("joint_weight", joint_weight), self._stacked(J)
+        J, scale = zip(*(kin.truncated_jacobian(S_m, S_s, M) for kin in reduced), strict=True)
+        W1, natural = first._survivors.matrix("joint_weight", joint_weight), self._stack(J)
         mapping = velocity_mapping(natural, major, secondary, W1, secondary_weight, major_metric=M)
         return mapping._in_natural_units(
             units.task_units,
             units.mixed_units,
             J=natural,
-            scale=self._stacked(scale),
-            active_constraint=self._stacked(_filled([there.constraint for there in each])),
-            self_motion=transposed(self._stacked(_filled([there.self_motion.T for there in each]))),
+            scale=self._stack(scale),
+            active_constraint=self._stack(_filled([kin.constraint for kin in reduced])),
+            self_motion=transposed(self._stack(_filled([kin.self_motion.T for kin in reduced]))),
         )
 
-    def _stacked(self, arrays: Array | Sequence[Array | float]) -> Array:
+    def _stack(self, arrays: Array | Sequence[Array | float]) -> Array:
         """One array of each posture, all of one shape (i, ...), as one (..., i, ...)."""
         stack = np.array(arrays)
         return read_only(stack.reshape((*self.lead, *stack.shape[1:])))
@@ -112,6 +112,6 @@ class Postures:
 def _filled(rows: list[Array]) -> Array:
     """Matrices in one array, with rows of zeros below those that have fewer than others."""
     filled = np.zeros((len(rows), max(map(len, rows)), rows[0].shape[1]))
-    for room, A in zip(filled, rows, strict=True):
-        room[: len(A)] = A
+    for row_block, A in zip(filled, rows, strict=True):
+        row_block[: len(A)] = A
     return filled

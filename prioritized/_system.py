@@ -15,16 +15,16 @@ from prioritized._kinematics import Kinematics
 from prioritized._mechanism.elimination import Joints, Partition, sort_joints
 from prioritized._mechanism.failures import Failures, failed_actuators, stuck_passive
 from prioritized._mechanism.from_model import Mechanism, accuracy_of, arguments_of, tolerance_of
-from prioritized._mechanism.geometry import ACCURACY_PARTS, Accuracy, Elsewhere, Geometry
+from prioritized._mechanism.geometry import ACCURACY_PARTS, Accuracy, Geometry, TransferredAccuracy
 from prioritized._mechanism.names import (
+    Aliases,
     HasNames,
-    Known,
     Names,
+    actuator_aliases,
     checked_names,
-    counted,
-    known_actuators,
-    known_velocities,
+    count_phrase,
     passive_joints,
+    velocity_aliases,
 )
 from prioritized._postures import Postures
 from prioritized._solver.arrays import read_only
@@ -164,9 +164,9 @@ class ConstrainedSystem:
                 or one actuator both locked and free in one call.
         """
         lock, release = failed_actuators(
-            locked, free, self._known_actuators, passive_joints(self.names, self.active)
+            locked, free, self._actuator_aliases, passive_joints(self.names, self.active)
         )
-        stuck = stuck_passive(locked_passive, self._known_velocities, self.active)
+        stuck = stuck_passive(locked_passive, self._velocity_aliases, self.active)
         return self._changed(failures=self.failures.and_also(lock, release, stuck))
 
     def at(self, J_T: ArrayLike | None = None, J_C: ArrayLike | None = None) -> "ConstrainedSystem":
@@ -186,7 +186,8 @@ class ConstrainedSystem:
         if J_C is not None:
             poses["J_C"] = _copy("J_C", J_C, N)
         if self.accuracy is not None:
-            poses["accuracy"] = Elsewhere.of(self.accuracy, len(poses.get("J_C", self.J_C)))
+            rows = len(poses.get("J_C", self.J_C))
+            poses["accuracy"] = TransferredAccuracy.of(self.accuracy, rows)
         return self._changed(**poses)
 
     def at_pose(self, mechanism: Mechanism) -> "ConstrainedSystem":
@@ -200,8 +201,8 @@ class ConstrainedSystem:
             ValueError: As :meth:`at`.
         """
         check.attributes("mechanism", mechanism, "J_T", "J_C")
-        there, accuracy = self.at(mechanism.J_T, mechanism.J_C), accuracy_of(mechanism)
-        return there if accuracy is None else there._changed(accuracy=accuracy)
+        system, accuracy = self.at(mechanism.J_T, mechanism.J_C), accuracy_of(mechanism)
+        return system if accuracy is None else system._changed(accuracy=accuracy)
 
     def postures(self, J_T: ArrayLike, J_C: ArrayLike | None = None) -> Postures:
         """The same mechanism with the same failures at a batch of postures.
@@ -225,8 +226,8 @@ class ConstrainedSystem:
             np.broadcast_to(A, (*lead, *A.shape[-2:])).reshape(prod(lead), *A.shape[-2:])
             for A in (tasks, loops)
         ]
-        each = (self.at(*pair).kinematics() for pair in zip(*flat, strict=True))
-        return Postures(tuple(each), lead)
+        kinematics = (self.at(*pair).kinematics() for pair in zip(*flat, strict=True))
+        return Postures(tuple(kinematics), lead)
 
     def _changed(self, **changes: Any) -> "ConstrainedSystem":
         other = object.__new__(ConstrainedSystem)
@@ -273,19 +274,19 @@ class ConstrainedSystem:
         return f"<ConstrainedSystem of {self}>"
 
     def __str__(self) -> str:
-        failures = self.failures.in_words(self._known_actuators, self._known_velocities)
-        velocities = counted(self.J_T.shape[1], "velocity", "velocities")
-        constraints = counted(len(self.J_C), "constraint", "constraints")
-        actuators = counted(len(self.active), "actuator", "actuators")
+        failures = self.failures.describe(self._actuator_aliases, self._velocity_aliases)
+        velocities = count_phrase(self.J_T.shape[1], "velocity", "velocities")
+        constraints = count_phrase(len(self.J_C), "constraint", "constraints")
+        actuators = count_phrase(len(self.active), "actuator", "actuators")
         return f"{velocities}, {constraints}, {actuators}: {failures}."
 
     @cached_property
-    def _known_actuators(self) -> Known:
-        return known_actuators(self.names, self.active)
+    def _actuator_aliases(self) -> Aliases:
+        return actuator_aliases(self.names, self.active)
 
     @property
-    def _known_velocities(self) -> Known:
-        return known_velocities(self.names, self.J_T.shape[1])
+    def _velocity_aliases(self) -> Aliases:
+        return velocity_aliases(self.names, self.J_T.shape[1])
 
     @cached_property
     def _joints(self) -> Joints:

@@ -39,7 +39,7 @@ class Levels(NamedTuple):
             ValueError: No level, an empty one, or one task twice.
         """
         if not isinstance(levels, Sequence) or isinstance(levels, str) or not len(levels):
-            raise ValueError(f"tasks must be a list of tasks, got {check.shown(levels)}")
+            raise ValueError(f"tasks must be a list of tasks, got {check.short_repr(levels)}")
         tasks = tuple(
             (each,)
             if isinstance(each, TaskFunction)
@@ -141,7 +141,7 @@ class Targets(NamedTuple):
                 error = located.error(self.model, data)
                 is_plain = check.is_plain(error) and error.shape == (size,)
                 if not (is_plain and check.is_moderate(error)):  # of a user's own task
-                    error = check.array(f"the error of {check.shown(task)}", error, size)
+                    error = check.array(f"the error of {check.short_repr(task)}", error, size)
                 velocity = task.gain / period_s * error
                 asked[rows] = velocity if among is None else velocity[among]
         return check.array("what the errors of the tasks ask for in dt", asked)
@@ -164,6 +164,6 @@ def _weight(task: TaskFunction, size: int) -> Array:
     """Of each row, shape (k,)."""
     weight = np.asarray(1.0 if task.weight is None else task.weight)
     if weight.ndim and len(weight) != size:
-        task_named = check.shown(task)
+        task_named = check.short_repr(task)
         raise ValueError(f"weight of {task_named} must be one number or {size}, got {len(weight)}")
     return np.broadcast_to(weight, (size,))

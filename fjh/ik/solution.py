@@ -72,11 +72,11 @@ class IkProblem:
             # Differences leave no null space exact: what is lost by round-off is not divided by.
             sizes = [float(np.linalg.norm(B)) for B in self.held_back]
             first = next(k for k, size in enumerate(sizes) if size)
-            sizes[first + 1 :] = [size for _, size in there.decided[first + 1 :]]
+            sizes[first + 1 :] = [size for _, size in there.weighted_rows[first + 1 :]]
             damping = tuple(
                 max(own, _LEAST * size) for own, size in zip(there.damping, sizes, strict=True)
             )
-            there = replace(there, held_back=self.held_back, damping=damping)
+            there = replace(there, damping_rows=self.held_back, damping=damping)
         return there.solve(self.targets)
 
 
@@ -140,7 +140,7 @@ class IkSolution:
 
     def __str__(self) -> str:
         """The status in words, with what is at a limit and what damping costs."""
-        sentences = [self.solution.in_words(self.at_limits)]
+        sentences = [self.solution.describe(self.at_limits)]
         if exceeded := self.exceeded:
             sentences.append(f"Beyond a limit, or too fast to stop before it: {listed(exceeded)}.")
         if not self.is_led_back:

@@ -14,7 +14,7 @@ def check_within(name: str, value: Any, low: float, high: float) -> None:
     kind: type = Integral if whole else Real
     # To Python a truth value is a whole number. Of NaN neither comparison holds.
     if not isinstance(value, kind) or isinstance(value, bool) or not low <= value <= high:
-        from argument_checks import shown  # late: the help text does not wait for NumPy
+        from argument_checks import short_repr  # late: the help text does not wait for NumPy
 
         said = "a whole number" if whole else "a number"
-        raise ValueError(f"{name} must be {said} from {low:g} to {high:g}, got {shown(value)}")
+        raise ValueError(f"{name} must be {said} from {low:g} to {high:g}, got {short_repr(value)}")

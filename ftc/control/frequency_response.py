@@ -60,7 +60,7 @@ def channels(
     """Check channels, so many unless `count` is None, that all have one period."""
     if not isinstance(loops, list | tuple) or len(loops) != (count or len(loops)):
         expected = "channels" if count is None else f"{count} channels, one for each major row"
-        raise ValueError(f"{name} must be a list of {expected}, got {check.shown(loops)}")
+        raise ValueError(f"{name} must be a list of {expected}, got {check.short_repr(loops)}")
     for each in loops:
         if sampled(name, each, 1, 1).dt != loops[0].dt:
             raise ValueError(f"{name} must have one period, got {each.dt} and {loops[0].dt} s")

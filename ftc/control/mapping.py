@@ -313,7 +313,7 @@ class PrioritizedMapping(Generic[Pose]):
         # What limits leave of a task may hang on singular values that a tick takes for zero.
         now = self.at(pose)
         J, limited = now.kinematics.J, now.limited
-        limited = limited.within(left) if self.form == "gauss_newton" else limited
+        limited = limited.with_limits(left) if self.form == "gauss_newton" else limited
         rates = limited.solve(*step.targets(J[self._secondary])).rates
         return self._on_all(step.here + rates), step.major - J[self._major].dot(rates)
 

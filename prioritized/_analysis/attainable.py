@@ -56,9 +56,9 @@ def corners(normal: Array, distance: Array) -> Array:
     if k == 1:
         lowest, highest = -b[A[:, 0] < 0].min(), b[A[:, 0] > 0].min()
         return np.array([[lowest], [highest]])
-    met = HalfspaceIntersection(np.column_stack([A, -b / size]), inside.x[:k]).intersections
-    met = met[_distinct(met)]
-    return size * met[ConvexHull(met).vertices]
+    vertices = HalfspaceIntersection(np.column_stack([A, -b / size]), inside.x[:k]).intersections
+    vertices = vertices[_distinct(vertices)]
+    return size * vertices[ConvexHull(vertices).vertices]
 
 
 def in_order(corners: Array) -> Array:
@@ -73,8 +73,8 @@ def in_order(corners: Array) -> Array:
 
 def _distinct(points: Array) -> Indices:
     """The first of each set of equal points (P, k) of a size of one, in their order."""
-    alike = np.stack([ranks(column, zero=ACCURACY) for column in points.T], axis=1)
-    return np.sort(np.unique(alike, axis=0, return_index=True)[1])
+    groups = np.stack([ranks(column, zero=ACCURACY) for column in points.T], axis=1)
+    return np.sort(np.unique(groups, axis=0, return_index=True)[1])
 
 
 BLOCK = 2**20
@@ -85,7 +85,7 @@ class AttainableStatus(Enum):
     """What the radius of an attainable set means; the value is a sentence."""
 
     INTERIOR = "every major direction is possible within the limits, up to the radius at least"
-    OUT_OF_REACH = (
+    UNREACHABLE = (
         "the actuators that the limits let move do not reach every major direction: drop major "
         "rows, or restore an actuator"
     )
@@ -133,7 +133,7 @@ class Attainable(ReadOnly):
         if self.self_motion:
             return AttainableStatus.SELF_MOTION
         if self._rank < len(self.gain):
-            return AttainableStatus.OUT_OF_REACH
+            return AttainableStatus.UNREACHABLE
         return AttainableStatus.INTERIOR if self.radius else AttainableStatus.NOT_INTERIOR
 
     @cached_property
@@ -238,6 +238,6 @@ def attainable(
         ValueError: Its facets are too many to be listed.
     """
     G, C, lower, upper = with_free(of, limits[0], limits[1], int(of.dimension))
-    made = Attainable(G, C, lower, upper, float(of.scale), rank_tolerance, self_motion)
-    refuse_too_many(made._polytope)
-    return made
+    result = Attainable(G, C, lower, upper, float(of.scale), rank_tolerance, self_motion)
+    refuse_too_many(result._polytope)
+    return result

@@ -59,15 +59,15 @@ def facets(P: Polytope, k: int, r: int) -> Facets:
     E = np.concatenate([P.Vt[..., :k, :], P.rows[..., :r, :]], axis=-2)
     rank, n = E.shape[-2:]
     if not rank:
-        none = np.zeros((*E.shape[:-2], 0))
-        return Facets(np.zeros((*none.shape, 0)), none, none)
+        empty = np.zeros((*E.shape[:-2], 0))
+        return Facets(np.zeros((*empty.shape, 0)), empty, empty)
     # The rows are orthonormal, so that ranks are decided against one. A decision too many that
     # columns are independent does no harm: any (d, y) gives a half-space that holds the set.
     spanned = np.moveaxis(E[..., _choices(n, rank - 1)], -2, -3)
-    decided = ranked_svd(spanned, 1.0, P.tolerance, full=True)
-    w = decided.U[..., -1]
+    svd = ranked_svd(spanned, 1.0, P.tolerance, full=True)
+    w = svd.U[..., -1]
     w = np.concatenate([w, -w], axis=-2)
-    proper = np.concatenate([decided.rank, decided.rank], axis=-1) == rank - 1
+    proper = np.concatenate([svd.rank, svd.rank], axis=-1) == rank - 1
     lower, upper = P.lower[..., None, :], P.upper[..., None, :]
     c = w @ E
     distance = np.where(proper, farthest(c, lower, upper, P.tolerance), np.inf)
@@ -82,10 +82,10 @@ def ball(P: Polytope, r: int) -> Array:
     normal, distance, size = facets(P, m1, r)
     d = (normal / P.sigma[..., None, :m1]) @ transposed(P.U)
     shift = (d @ P.offset[..., None])[..., 0]
-    room, length = distance + shift, np.linalg.norm(d, axis=-1)
+    slack, length = distance + shift, np.linalg.norm(d, axis=-1)
     # Round-off is no room, and no lack of it where d = 0.
-    room = np.where(np.abs(room) <= RANK_TOLERANCE * (size + np.abs(shift)), 0.0, room)
-    radius = np.divide(room, length, out=np.where(room < 0.0, 0.0, np.inf), where=length > 0.0)
+    slack = np.where(np.abs(slack) <= RANK_TOLERANCE * (size + np.abs(shift)), 0.0, slack)
+    radius = np.divide(slack, length, out=np.where(slack < 0.0, 0.0, np.inf), where=length > 0.0)
     return np.maximum(radius.min(axis=-1, initial=np.inf), 0.0)
 
 
@@ -98,12 +98,12 @@ def dual_vertices(P: Polytope, k: int, r: int) -> Array:
     C = P.rows[:r]
     G = (P.U[:, :k] * P.sigma[:k]) @ P.Vt[:k]
     chosen = _choices(C.shape[1], r)
-    decided = ranked_svd(np.moveaxis(C[:, chosen], 1, 0), 1.0, P.tolerance)
-    proper = decided.rank == r
-    chosen, inverse = chosen[proper], decided.pseudo_inverse()[proper]
-    left = G - np.moveaxis(G[:, chosen], 1, 0) @ inverse @ C
-    np.put_along_axis(left, chosen[:, None, :], 0.0, axis=-1)
-    return left
+    svd = ranked_svd(np.moveaxis(C[:, chosen], 1, 0), 1.0, P.tolerance)
+    proper = svd.rank == r
+    chosen, inverse = chosen[proper], svd.pseudo_inverse()[proper]
+    duals = G - np.moveaxis(G[:, chosen], 1, 0) @ inverse @ C
+    np.put_along_axis(duals, chosen[:, None, :], 0.0, axis=-1)
+    return duals
 
 
 def farthest(c: Array, lower: Array, upper: Array, zero: Array | float) -> Array:

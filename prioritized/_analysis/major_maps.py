@@ -62,10 +62,10 @@ def unweighted(
 def of_rates(problem: Problem) -> MajorMap:
     """Major velocities per active rates: v_m = J_m rates with C rates = 0."""
     G, S_m = problem.major_jacobian, problem.S_m
-    none = np.zeros((*G.shape[:-1], 0))
+    empty = np.zeros((*G.shape[:-1], 0))
     dimension = np.zeros(G.shape[:-2], dtype=np.intp)
     scale = frobenius(S_m) * problem.scale
-    return MajorMap(G, problem.active_constraint, none, dimension, scale)
+    return MajorMap(G, problem.active_constraint, empty, dimension, scale)
 
 
 def of_torques(problem: Problem) -> MajorMap:
@@ -84,7 +84,7 @@ def of_torques(problem: Problem) -> MajorMap:
     torques = ranked_svd(forces.torques @ admissible, forces.torque_scale, tolerance)
     major = np.eye(m1, forces.task.shape[1]) @ admissible
     inverse = torques.pseudo_inverse()
-    range_of = torques.U * torques.kept[..., None, :]
+    range_of = torques.U * torques.significant[..., None, :]
     borne = ranked_svd(major @ torques.null_projector(), np.sqrt(m1), tolerance)
     gain = major @ inverse / units
     scale = frobenius(1.0 / units) * frobenius(inverse)
@@ -92,7 +92,7 @@ def of_torques(problem: Problem) -> MajorMap:
     return MajorMap(
         gain=gain,
         constraint=np.eye(gain.shape[-1]) - range_of @ transposed(range_of),
-        free=scale[..., None, None] * _unit(borne.U / units) * borne.kept[..., None, :],
+        free=scale[..., None, None] * _unit(borne.U / units) * borne.significant[..., None, :],
         dimension=borne.rank,
         scale=scale,
     )
@@ -115,11 +115,11 @@ def with_free(
         upper: Likewise.
         dimension: The number of these columns.
     """
-    none = np.zeros((*of.constraint.shape[:-1], dimension))
+    empty = np.zeros((*of.constraint.shape[:-1], dimension))
     endless = np.full((*lower.shape[:-1], dimension), np.inf)
     return (
         np.concatenate([of.gain, of.free[..., :dimension]], axis=-1),
-        np.concatenate([of.constraint, none], axis=-1),
+        np.concatenate([of.constraint, empty], axis=-1),
         np.concatenate([lower, -endless], axis=-1),
         np.concatenate([upper, endless], axis=-1),
     )

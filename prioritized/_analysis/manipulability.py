@@ -9,9 +9,13 @@ import numpy as np
 
 from argument_checks import Array
 from argument_checks.ties import ACCURACY
-from prioritized._mapping.amplification import closure_sentences, doubt_sentences, gain_sentences
+from prioritized._mapping.amplification import (
+    closure_sentences,
+    gain_sentences,
+    uncertainty_sentences,
+)
 from prioritized._mechanism.decisions import MajorTask, respanned
-from prioritized._mechanism.names import Known, involved
+from prioritized._mechanism.names import Aliases, involved_joints
 from prioritized._mechanism.task_motion import TaskMotion
 from prioritized._solver.arrays import ReadOnly
 from prioritized._solver.canonical import canonical
@@ -45,14 +49,14 @@ class Findings(Mapping[str, Finding]):
     def __init__(self, make: Callable[[str], Finding]) -> None:
         """Take what makes one of its name."""
         self._make = make
-        self._made: dict[str, Finding] = {}
+        self._cache: dict[str, Finding] = {}
 
     def __getitem__(self, name: str) -> Finding:
-        if name not in self._made:
+        if name not in self._cache:
             if name not in _SENTENCES:
                 raise KeyError(name)
-            self._made[name] = self._make(name)
-        return self._made[name]
+            self._cache[name] = self._make(name)
+        return self._cache[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(_SENTENCES)
@@ -82,7 +86,7 @@ _SENTENCES = {
         "Self-motion moves the secondary task alone in {}.",
         "No self-motion moves the secondary task alone.",
     ),
-    "idle": (
+    "unobservable": (
         "Passive joints can move in {} without moving the task.",
         "No passive joint can move without an active joint or the task.",
     ),
@@ -98,7 +102,7 @@ _SENTENCES = {
 """The sentence when a condition holds, with its directions and joints, and when it does not."""
 
 
-def found(
+def finding_of(
     name: str, basis: Array, count: int, gap: Callable[[], float], joints: str = ""
 ) -> Finding:
     """The finding on a condition with a basis of `count` directions, which concern these joints."""
@@ -117,14 +121,14 @@ class Manipulability:
 
     _task: MajorTask
     _of_mechanism: Callable[[str], Any]
-    _known: Mapping[str, Callable[[], Known]]
+    _aliases: Mapping[str, Callable[[], Aliases]]
 
     @cached_property
     def findings(self) -> Mapping[str, Finding]:
         """By name, each made when it is first looked up.
 
         `unmanipulable`, `unmanipulable_task`, `unstable`, `unstable_major`, `unstable_secondary`,
-        `idle`, `irresolvable`, `constrained_active`.
+        `unobservable`, `irresolvable`, `constrained_active`.
         """
         return Findings(self._finding)
 
@@ -134,16 +138,16 @@ class Manipulability:
 
         Zero when unmanipulable, infinite without rows.
         """
-        reach = self._task.reach
-        if reach.rank < len(self._task.S_m):
+        decision = self._task.decision
+        if decision.rank < len(self._task.S_m):
             return 0.0
-        least = reach.sigma.min(initial=np.inf, where=reach.kept)
+        least = decision.sigma.min(initial=np.inf, where=decision.significant)
         return float(least) * self._task.measure.gain_unit
 
     @property
     def largest_gain(self) -> float:
         """Greatest major speed per unit norm of these rates; zero without rows."""
-        return float(self._task.reach.sigma.max(initial=0.0)) * self._task.measure.gain_unit
+        return float(self._task.decision.sigma.max(initial=0.0)) * self._task.measure.gain_unit
 
     @property
     def gain_uncertainty(self) -> float:
@@ -187,9 +191,9 @@ class Manipulability:
         return self.findings["unstable_secondary"].holds
 
     @property
-    def idle(self) -> bool:
+    def unobservable(self) -> bool:
         """Passive joints can move without active joints and task; basis in passive velocities."""
-        return self.findings["idle"].holds
+        return self.findings["unobservable"].holds
 
     @property
     def irresolvable(self) -> bool:
@@ -219,54 +223,58 @@ class Manipulability:
         sentences = [finding.sentence for finding in self.findings.values()]
         sentences += gain_sentences(self.largest_gain, self.worst_gain)
         if self.worst_gain:
-            sentences += doubt_sentences(1.0 / self.worst_gain, self.gain_uncertainty)
+            sentences += uncertainty_sentences(1.0 / self.worst_gain, self.gain_uncertainty)
         return "\n".join(sentences + closure_sentences(self.closure_condition))
 
     def _finding(self, name: str) -> Finding:
         task, joints = self._task.task, ""
         if name in _OF_ROWS:
-            shown, decisions = self._of_mechanism(_OF_ROWS[name]), ()
-            basis = shown.T
+            public_basis, decisions = self._of_mechanism(_OF_ROWS[name]), ()
+            basis = public_basis.T
         else:
             columns, decisions = _COLUMNS[name](self._task, self._of_mechanism)
-            shown = basis = canonical(columns)
-        if name in self._known and basis.size:
+            public_basis = basis = canonical(columns)
+        if name in self._aliases and basis.size:
             geometry = task.geometry
             accuracy = max(ACCURACY, geometry.rank_tolerance, geometry.error_bound)
-            joints = involved(basis, self._known[name](), accuracy)
-        return found(name, shown, basis.shape[1], partial(_gap, task, decisions), joints)
+            joints = involved_joints(basis, self._aliases[name](), accuracy)
+        gap = partial(_gap, task, decisions)
+        return finding_of(name, public_basis, basis.shape[1], gap, joints)
 
 
-_Decided = tuple[Array, tuple[RankedSvd, ...]]
+_Directions = tuple[Array, tuple[RankedSvd, ...]]
 """Directions as columns, and the decisions behind them."""
 
 
-def _unmanipulable(task: MajorTask, _: Any) -> _Decided:
-    return respanned(_left_null(task.reach), 1.0 / task.major_units), (task.reach,)
+def _unmanipulable(task: MajorTask, _: Any) -> _Directions:
+    return respanned(_left_null(task.decision), 1.0 / task.major_units), (task.decision,)
 
 
-def _unmanipulable_task(task: MajorTask, _: Any) -> _Decided:
-    whole = task.task
-    return respanned(_left_null(whole.reach), 1.0 / whole.task_units), (whole.reach,)
+def _unmanipulable_task(task: MajorTask, _: Any) -> _Directions:
+    motion = task.task
+    return respanned(_left_null(motion.decision), 1.0 / motion.task_units), (motion.decision,)
 
 
-def _unstable(task: MajorTask, _: Any) -> _Decided:
-    whole = task.task
-    return respanned(_range(whole.moved), whole.task_units), (whole.moved,)
+def _unstable(task: MajorTask, _: Any) -> _Directions:
+    motion = task.task
+    return respanned(_range(motion.moved), motion.task_units), (motion.moved,)
 
 
-def _unstable_major(task: MajorTask, _: Any) -> _Decided:
+def _unstable_major(task: MajorTask, _: Any) -> _Directions:
     return respanned(_range(task.moved), task.major_units), (task.moved,)
 
 
-def _unstable_secondary(task: MajorTask, _: Any) -> _Decided:
-    return respanned(_range(task.aside), task.task.task_units), (task.aside, task.moved)
+def _unstable_secondary(task: MajorTask, _: Any) -> _Directions:
+    svd = task.moved_secondary
+    return respanned(_range(svd), task.task.task_units), (svd, task.moved)
 
 
-def _idle(task: MajorTask, of_mechanism: Callable[[str], Any]) -> _Decided:
-    whole, passive = task.task, of_mechanism("passive")
-    idle = whole.self_motion[passive] @ whole.moved.null
-    return _orthonormal(whole.geometry.velocity_units[passive, None] * idle), (whole.moved,)
+def _unobservable(task: MajorTask, of_mechanism: Callable[[str], Any]) -> _Directions:
+    motion, passive = task.task, of_mechanism("passive")
+    unobservable = motion.self_motion[passive] @ motion.moved.null
+    return _orthonormal(motion.geometry.velocity_units[passive, None] * unobservable), (
+        motion.moved,
+    )
 
 
 _COLUMNS = {
@@ -275,7 +283,7 @@ _COLUMNS = {
     "unstable": _unstable,
     "unstable_major": _unstable_major,
     "unstable_secondary": _unstable_secondary,
-    "idle": _idle,
+    "unobservable": _unobservable,
 }
 _OF_ROWS = {"irresolvable": "internal_force", "constrained_active": "active_constraint"}
 """Findings on rows of the mechanism, which it has decided on by itself."""
@@ -283,7 +291,7 @@ _OF_ROWS = {"irresolvable": "internal_force", "constrained_active": "active_cons
 
 def _gap(task: TaskMotion, decisions: tuple[RankedSvd, ...]) -> float:
     """The gap of a verdict is the smallest of all decisions behind it."""
-    return float(min([task.gap, *(one.gap for one in decisions)]))
+    return float(min([task.gap, *(svd.gap for svd in decisions)]))
 
 
 def _orthonormal(columns: Array) -> Array:

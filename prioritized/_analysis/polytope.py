@@ -67,14 +67,14 @@ def polytope(
     left_open = np.abs(opened + C * moving @ follow).max(axis=(-2, -1), initial=0.0)
     consistent = left_open <= tolerance * np.abs(x).max(axis=-1, initial=0.0)
     x = x + follow[..., 0]
-    reach = ranked_svd(G * moving @ closure.null_projector(), scale, tolerance)
+    image = ranked_svd(G * moving @ closure.null_projector(), scale, tolerance)
     return Polytope(
         offset=(G @ x[..., None])[..., 0],
-        U=reach.U,
-        sigma=reach.sigma,
-        Vt=reach.Vt,
+        U=image.U,
+        sigma=image.sigma,
+        Vt=image.Vt,
         rows=closure.Vt,
-        rank=reach.rank,
+        rank=image.rank,
         constraints=closure.rank,
         lower=np.where(fixed, 0.0, lower - x),
         upper=np.where(fixed, 0.0, upper - x),

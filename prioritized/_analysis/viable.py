@@ -87,18 +87,18 @@ def _plain(position: Any, rate: Any, pairs: tuple[Any, ...]) -> list[Array] | No
     return every
 
 
-def _box(given: list[Array], T: float) -> RateBox | None:
+def _box(arguments: list[Array], T: float) -> RateBox | None:
     """The box of plain arrays (n,); None where one is not what it must be."""
-    n = len(given[0])
+    n = len(arguments[0])
     lower, upper, viable = np.empty(n), np.empty(n), np.empty(n, dtype=bool)
     box = pointer(lower), pointer(upper), pointer(viable)
-    if not lib.viable_box(n, pointer(np.concatenate(given)), T, *box):
+    if not lib.viable_box(n, pointer(np.concatenate(arguments)), T, *box):
         return None
-    made = object.__new__(RateBox)  # read-only at little cost: the arrays are its own
+    result = object.__new__(RateBox)  # without checks: the arrays are new
     for name, A in (("lower", lower), ("upper", upper), ("viable", viable)):
         A.setflags(write=False)
-        made.__dict__[name] = A
-    return made
+        result.__dict__[name] = A
+    return result
 
 
 def _checked(position: ArrayLike, rate: ArrayLike, pairs: tuple[Any, ...]) -> list[Array]:
@@ -112,11 +112,11 @@ def _checked(position: ArrayLike, rate: ArrayLike, pairs: tuple[Any, ...]) -> li
         check.limits(name, pair, n, batch=True) for name, pair in zip(names, pairs, strict=True)
     )
     if (rates[0] > 0).any() or (rates[1] < 0).any():
-        raise ValueError(f"rate_limits must be on both sides of 0, got {check.shown(pairs[1])}")
+        got = check.short_repr(pairs[1])
+        raise ValueError(f"rate_limits must be on both sides of 0, got {got}")
     if (accelerations[0] > -check.SMALLEST).any() or (accelerations[1] < check.SMALLEST).any():
-        raise ValueError(
-            f"acceleration_limits must be below and above 0, got {check.shown(pairs[2])}"
-        )
+        got = check.short_repr(pairs[2])
+        raise ValueError(f"acceleration_limits must be below and above 0, got {got}")
     leads = {"position": x, "rate": v, "position_limits": positions[0]}
     leads |= {"rate_limits": rates[0], "acceleration_limits": accelerations[0]}
     check.common_axes({name: A.shape[:-1] for name, A in leads.items()})

@@ -16,7 +16,7 @@ BLOCK = 2**18
 """Numbers at once in the facets of many sets: few enough for the cache."""
 
 
-class Within(NamedTuple):
+class ActuatorLimits(NamedTuple):
     """Limits of n actuators, and which of them are active under each of C conditions.
 
     Attributes:
@@ -48,12 +48,12 @@ class Within(NamedTuple):
             rows = np.flatnonzero(survivors == count)
             columns = np.nonzero(self.active[rows])[1].reshape(len(rows), 1, count)
             lower, upper = (np.take_along_axis(A[rows], columns[:, 0], axis=1) for A in limits)
-            some = MajorMap._make(A[rows] for A in maps)
-            own = {
-                name: np.take_along_axis(getattr(some, name), columns, axis=-1)
+            subset = MajorMap._make(A[rows] for A in maps)
+            survivors_only = {
+                name: np.take_along_axis(getattr(subset, name), columns, axis=-1)
                 for name in ("gain", "constraint")
             }
-            radius[rows] = radii(some._replace(**own), lower, upper, tolerance)
+            radius[rows] = radii(subset._replace(**survivors_only), lower, upper, tolerance)
         return radius
 
 
@@ -74,13 +74,13 @@ def radii(maps: MajorMap, lower: Array, upper: Array, tolerance: float) -> Array
     radius = np.zeros(len(maps.gain))
     for free in np.unique(maps.dimension).tolist():
         rows = np.flatnonzero(maps.dimension == free)
-        some = MajorMap._make(A[rows] for A in maps)
-        sets = polytope(*with_free(some, lower[rows], upper[rows], free), some.scale, tolerance)
+        subset = MajorMap._make(A[rows] for A in maps)
+        sets = polytope(*with_free(subset, lower[rows], upper[rows], free), subset.scale, tolerance)
         full = sets.consistent & (sets.rank == maps.gain.shape[-2])
         for r in np.unique(sets.constraints[full]).tolist():
-            alike = np.flatnonzero(full & (sets.constraints == r))
-            nothing = not r and not maps.gain.shape[-2]  # is asked of x, nor of the task
-            radius[rows[alike]] = np.inf if nothing else _balls(sets.part(alike), r)
+            rows_of_rank = np.flatnonzero(full & (sets.constraints == r))
+            is_empty = not r and not maps.gain.shape[-2]  # is asked of x, nor of the task
+            radius[rows[rows_of_rank]] = np.inf if is_empty else _balls(sets.part(rows_of_rank), r)
     return radius
 
 

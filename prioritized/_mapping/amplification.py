@@ -30,7 +30,7 @@ def length_sentences(length: float | None) -> list[str]:
     ]
 
 
-def doubt_sentences(gain: float, uncertainty: float) -> list[str]:
+def uncertainty_sentences(gain: float, uncertainty: float) -> list[str]:
     """On a direction that the geometry is too inaccurate to know the gain of."""
     if not exceeds(uncertainty, UNCERTAIN):
         return []

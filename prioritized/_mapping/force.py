@@ -90,8 +90,8 @@ class ForceMapping(ReadOnly):
         """As of a :class:`VelocityMapping`."""
         if self._units is None:
             return None
-        is_met = self.status is not Status.LEAST_SQUARES and self._limiting is None
-        return self._units.measure.length(not is_met, self._problem.has_ties)
+        is_exact = self.status is not Status.LEAST_SQUARES and self._limiting is None
+        return self._units.measure.length(not is_exact, self._problem.has_ties)
 
     @cached_property
     def largest_gain(self) -> Array:
@@ -161,8 +161,8 @@ class ForceMapping(ReadOnly):
         )
         if self._units is not None:
             p = p * self._units.inputs
-        begun = None if start is None else check.instance("start", start, ForceSolution).point
-        best = optimum(self._levels, p, self._within, problem.tolerance, begun)
+        warm = None if start is None else check.instance("start", start, ForceSolution).point
+        best = optimum(self._levels, p, self._within, problem.tolerance, warm)
         return ForceSolution(self, p, best)
 
     @property
@@ -315,8 +315,8 @@ def force_mapping(
         scale=scale,
         rank_tolerance=rank_tolerance,
     )
-    given = ForceLimits(torque_limits, torque_rows, force_rows, when_limited)
-    return _solved(problem, given, None)
+    force_limits = ForceLimits(torque_limits, torque_rows, force_rows, when_limited)
+    return _solved(problem, force_limits, None)
 
 
 def force_mapping_of(
@@ -325,7 +325,7 @@ def force_mapping_of(
     secondary: Sequence[int] | ArrayLike | None,
     weights: tuple[ArrayLike | None, ArrayLike | None],
     metrics: tuple[ArrayLike | None, ArrayLike | None],
-    given: ForceLimits,
+    force_limits: ForceLimits,
 ) -> ForceMapping:
     """The force mapping of a mechanism; see :meth:`Kinematics.force_mapping`.
 
@@ -337,7 +337,7 @@ def force_mapping_of(
         metrics: Of the major force and of ties.
         given: The limits.
     """
-    own = checked(
+    stated = checked(
         mechanism.J,
         major,
         secondary,
@@ -352,33 +352,33 @@ def force_mapping_of(
         rank_tolerance=RANK_TOLERANCE,
     )
     reduced = mechanism._reduced
-    measure, rows = reduced.measure(own.S_m), reduced.task_units
-    secondary_units, rates = units_of(own.S_s, rows), reduced.rate_units
+    measure, rows = reduced.measure(stated.S_m), reduced.task_units
+    secondary_units, rates = units_of(stated.S_s, rows), reduced.rate_units
     C, common = reduced.constraint, reduced.common_unit
     internal = (mechanism.active_constraint / rates) @ C.T
     units = ForceUnits(measure, secondary_units, rows, rates, internal)
-    J, scale = reduced.decided(own.S_m, own.S_s)
-    problem = own._replace(
+    J, scale = reduced.truncated_jacobian(stated.S_m, stated.S_s)
+    problem = stated._replace(
         J=J * common,  # torques of J and of C are added
-        S_m=own.S_m * rows / measure.major[:, None],
-        S_s=own.S_s * rows / secondary_units[:, None],
-        weight=own.weight / rates,
-        secondary_weight=own.secondary_weight / secondary_units,
+        S_m=stated.S_m * rows / measure.major[:, None],
+        S_s=stated.S_s * rows / secondary_units[:, None],
+        weight=stated.weight / rates,
+        secondary_weight=stated.secondary_weight / secondary_units,
         active_constraint=C,
         self_motion=reduced.self_motion,
-        major_metric=None if own.major_metric is None else own.major_metric / measure.major,
-        tie_metric=own.tie_metric / rates,
+        major_metric=None if stated.major_metric is None else stated.major_metric / measure.major,
+        tie_metric=stated.tie_metric / rates,
         scale=np.asarray(scale * common),
     )
-    mapping = _solved(problem, given, units)
+    mapping = _solved(problem, force_limits, units)
     return replace(
         mapping,
-        gap=np.minimum(mapping.gap, reduced.major(own.S_m, own.S_s).gap),
+        gap=np.minimum(mapping.gap, reduced.major(stated.S_m, stated.S_s).gap),
         closure_condition=mechanism.closure_condition,
     )
 
 
-def _solved(problem: Problem, given: ForceLimits, units: ForceUnits | None) -> ForceMapping:
+def _solved(problem: Problem, force_limits: ForceLimits, units: ForceUnits | None) -> ForceMapping:
     """The mapping of checked arguments, which are in natural units if there are any."""
     _refuse_overlap(problem.S_m, problem.S_s, problem.tolerance)
     n, m1, m2 = problem.J.shape[-1], len(problem.S_m), len(problem.S_s)
@@ -388,7 +388,7 @@ def _solved(problem: Problem, given: ForceLimits, units: ForceUnits | None) -> F
     X, major_rank = on_axes(X, problem.lead), decisions[1].rank
     # A major force, with no more secondary force than self-motion makes necessary.
     alone, _ = lexicographic([*levels[:2], levels[-1]], problem.tolerance)
-    limited = _limiting(problem, forces, given, units)
+    limited = _limiting(problem, forces, force_limits, units)
     reaction, work_rank = _reaction(problem, forces, alone[..., :m1])
     torques, (to_f_m, to_f_s, to_eta) = forces.torques @ X, np.split(X, [m1, m1 + m2], axis=-2)
     if units is not None:
@@ -412,19 +412,26 @@ def _solved(problem: Problem, given: ForceLimits, units: ForceUnits | None) -> F
         status=status_of(conditions, Status.EXACT),
         _problem=problem,
         _limiting=limited,
-        _torque_limits=None if given.torques is None else limits("torque_limits", given.torques, n),
+        _torque_limits=None
+        if force_limits.torques is None
+        else limits("torque_limits", force_limits.torques, n),
         _units=units,
     )
 
 
 def _limiting(
-    problem: Problem, forces: Forces, given: ForceLimits, units: ForceUnits | None
+    problem: Problem, forces: Forces, force_limits: ForceLimits, units: ForceUnits | None
 ) -> Limiting | None:
     """Limits of torques and forces as those of the unknowns [f_m; f_s; eta]."""
     m, n = problem.J.shape[-2:]
-    rows_of_torques, rows_of_forces = {"torque_rows": given.torque_rows}, given.force_rows
-    on_torques = limiting(n, "torque_limits", given.torques, rows_of_torques, given.when)
-    on_forces = limiting(m, "", None, {"force_rows": rows_of_forces}, given.when)
+    rows_of_torques, rows_of_forces = (
+        {"torque_rows": force_limits.torque_rows},
+        force_limits.force_rows,
+    )
+    on_torques = limiting(
+        n, "torque_limits", force_limits.torques, rows_of_torques, force_limits.when
+    )
+    on_forces = limiting(m, "", None, {"force_rows": rows_of_forces}, force_limits.when)
     if on_torques is None and on_forces is None:
         return None
     if units is not None:
@@ -432,10 +439,10 @@ def _limiting(
         on_forces = on_forces and on_forces.natural(1.0 / units.task)
     box = limits("torque_limits", None, n) if on_torques is None else on_torques.box
     rows: list[Rows] = []
-    for one, of_unknowns in ((on_torques, forces.torques), (on_forces, forces.task)):
-        if one is not None:
-            rows += [Rows(each.G @ of_unknowns, each.limits) for each in one.rows]
-    return _of_torques(forces, box, rows, given.when)
+    for part, of_unknowns in ((on_torques, forces.torques), (on_forces, forces.task)):
+        if part is not None:
+            rows += [Rows(rows_here.G @ of_unknowns, rows_here.limits) for rows_here in part.rows]
+    return _of_torques(forces, box, rows, force_limits.when)
 
 
 def _of_torques(

@@ -37,23 +37,23 @@ def lexicographic(levels: Sequence[Level], tolerance: float) -> tuple[Array, lis
     X, free = np.zeros((n, p)), np.eye(n)
     decisions = []
     for level in levels:
-        decided = ranked_svd(level.A @ free, level.scale, tolerance)
-        decisions.append(decided)
+        svd = ranked_svd(level.A @ free, level.scale, tolerance)
+        decisions.append(svd)
         if level.A.shape[-2] == 0:
             continue
         # The step has least norm: in `free`, orthogonal to what the next levels may still change.
-        step = free @ decided.pseudo_inverse(level.damping)
+        step = free @ svd.pseudo_inverse(level.damping)
         X = X + step @ (level.target - level.A @ X)
-        free = free @ decided.null_projector()
+        free = free @ svd.null_projector()
     return X, decisions
 
 
 def smallest_gap(decisions: Sequence[RankedSvd]) -> Array:
     """Smallest gap of the decisions, shape (...)."""
     gap = np.asarray(np.inf)
-    for decided in decisions:
-        if decided.sigma.size:
-            gap = np.minimum(gap, decided.gap)
+    for svd in decisions:
+        if svd.sigma.size:
+            gap = np.minimum(gap, svd.gap)
     return gap
 
 
@@ -97,10 +97,10 @@ def damped(levels: Sequence[Level], tolerance: float) -> list[Level]:
     """
     free, plain = np.eye(levels[0].A.shape[-1]), []
     for level in levels:
-        decided = ranked_svd(level.A @ free, level.scale, tolerance)
-        free = free @ decided.null_projector()
+        svd = ranked_svd(level.A @ free, level.scale, tolerance)
+        free = free @ svd.null_projector()
         if level.damping:
-            V = decided.Vt * decided.kept[..., None]
+            V = svd.Vt * svd.significant[..., None]
             nothing = np.zeros((V.shape[-2], level.target.shape[-1]))
             A, target = stack(level.A, level.damping * V), stack(level.target, nothing)
             level = Level(A, target, level.scale)

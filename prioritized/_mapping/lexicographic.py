@@ -72,7 +72,7 @@ class Solution:
     def residuals(self) -> tuple[Array, ...]:
         """b_k - A_k x of each level; for an interval, what A_k x lacks to lie in it."""
         first = 1 if self.hard_rows else 0
-        return self._rests[first : first + self.levels]
+        return self._residuals[first : first + self.levels]
 
     @cached_property
     def certificate(self) -> Array | None:
@@ -82,8 +82,8 @@ class Solution:
         """
         if not self.hard_rows:
             return None
-        infeasible = self.packed.unmet(slice(0, 1), self.point.x)[0]
-        return read_only(-self._rests[0]) if infeasible else None
+        infeasible = self.packed.is_violated(slice(0, 1), self.point.x)[0]
+        return read_only(-self._residuals[0]) if infeasible else None
 
     @property
     def status(self) -> Status:
@@ -95,8 +95,10 @@ class Solution:
         return status_of(conditions, Status.OPTIMAL)
 
     @cached_property
-    def _rests(self) -> tuple[Array, ...]:
-        return tuple(np.split(read_only(self.packed.rest(self.point.x))[0], self.packed.ends[:-1]))
+    def _residuals(self) -> tuple[Array, ...]:
+        return tuple(
+            np.split(read_only(self.packed.residual(self.point.x))[0], self.packed.ends[:-1])
+        )
 
 
 def lexicographic_least_squares(
@@ -145,14 +147,14 @@ def lexicographic_least_squares(
     """
     tolerance = check.number("rank_tolerance", rank_tolerance, 0.0, 0.5)
     if not (type(levels) is list or isinstance(levels, Sequence)) or not len(levels):
-        raise ValueError(f"levels must be a list of (A, b), got {check.shown(levels)}")
+        raise ValueError(f"levels must be a list of (A, b), got {check.short_repr(levels)}")
     if most_steps is not None:
         most_steps = check.integer("most_steps", most_steps, 10**9)
-    begun = None if start is None else check.instance("start", start, Solution).point
+    warm = None if start is None else check.instance("start", start, Solution).point
     if rows is rows_lower is rows_upper is tie_metric is most_steps is None:
-        quick = _of_plain_arrays(levels, lower, upper, tolerance, begun)
-        if quick is not None:
-            return quick
+        solution = _of_plain_arrays(levels, lower, upper, tolerance, warm)
+        if solution is not None:
+            return solution
     n = check.array("levels[0][0]", _parts(0, levels[0])[0], None, None).shape[1]
     blocks = [_block(k, level, n) for k, level in enumerate(levels)]
     box = _between("lower and upper", lower, upper, n)
@@ -164,8 +166,8 @@ def lexicographic_least_squares(
     )
     last = [_equations(T, np.zeros(len(T))) for T in ties]
     packed = pack([*hard, *blocks, *last], box, tolerance)
-    hard_rows = sum(len(each.G) for each in hard)
-    point = solved(packed, begun, most_steps)
+    hard_rows = sum(len(block.G) for block in hard)
+    point = solved(packed, warm, most_steps)
     return Solution(n, hard_rows, len(levels), packed, point)
 
 
@@ -176,7 +178,7 @@ def _of_plain_arrays(
 
     None elsewhere: the checks then say what is wrong, or take what is right in another form.
     """
-    given, counts, n = [], [], -1
+    matrices, counts, n = [], [], -1
     # Calls of the argument checks would take as long as the arithmetic.
     for level in levels:
         if type(level) is not tuple or len(level) != 2:
@@ -193,7 +195,7 @@ def _of_plain_arrays(
         n = columns if n < 0 else n
         if columns != n:
             return None
-        given += A, b
+        matrices += A, b
         counts.append(rows)
     none = limits("", None, n)
     box = plain_limits(
@@ -201,10 +203,13 @@ def _of_plain_arrays(
     )
     if box is None:
         return None
-    A, b = np.ascontiguousarray(np.concatenate(given[::2]))[None], np.concatenate(given[1::2])[None]
+    A, b = (
+        np.ascontiguousarray(np.concatenate(matrices[::2]))[None],
+        np.concatenate(matrices[1::2])[None],
+    )
     packed = Packed(A, b, ends_of(*counts), None, tolerance, box[None], n)
     point = solve(packed, start)
-    return None if point.is_refused else Solution(n, 0, len(counts), packed, point)
+    return None if point.is_invalid else Solution(n, 0, len(counts), packed, point)
 
 
 def _hard_rows(
@@ -230,7 +235,7 @@ def _between(names: str, lower: ArrayLike | None, upper: ArrayLike | None, n: in
 def _parts(k: int, level: Level) -> Level:
     if not isinstance(level, tuple | list) or len(level) not in (2, 3):
         raise ValueError(
-            f"levels[{k}] must be (A, b) or (A, lower, upper), got {check.shown(level)}"
+            f"levels[{k}] must be (A, b) or (A, lower, upper), got {check.short_repr(level)}"
         )
     return level
 

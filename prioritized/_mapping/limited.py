@@ -10,7 +10,7 @@ import argument_checks as check
 from argument_checks import Array
 from argument_checks.ties import exceeds
 from prioritized._mapping.levels import Level, damped
-from prioritized._solver.arrays import beside, times
+from prioritized._solver.arrays import concatenated, times
 from prioritized._solver.limits import Limits, limits
 from prioritized._solver.packed import Equations, Packed, Point, Rows, pack, solved
 
@@ -39,7 +39,7 @@ class Limiting(NamedTuple):
 
     def natural(self, units: Array) -> "Limiting":
         """These limits as those of unknowns that are measured in these units, (n,)."""
-        rows = tuple(Rows(each.G * units, each.limits) for each in self.rows)
+        rows = tuple(Rows(block.G * units, block.limits) for block in self.rows)
         return self._replace(box=np.asarray(self.box) / units, rows=rows)
 
 
@@ -53,11 +53,11 @@ def limiting(
     """Checked limits of n unknowns and rows of them, under their names; None is no limit."""
     if not isinstance(when_limited, str) or when_limited not in _CHOICES:
         choices = " or ".join(map(repr, _CHOICES))
-        raise ValueError(f"when_limited must be {choices}, got {check.shown(when_limited)}")
-    given = [checked_rows(label, value, n) for label, value in rows.items() if value is not None]
-    if box is None and not given:
+        raise ValueError(f"when_limited must be {choices}, got {check.short_repr(when_limited)}")
+    checked = [checked_rows(label, value, n) for label, value in rows.items() if value is not None]
+    if box is None and not checked:
         return None
-    return Limiting(limits(name, box, n), tuple(given), when_limited)
+    return Limiting(limits(name, box, n), tuple(checked), when_limited)
 
 
 def checked_rows(name: str, value: tuple[ArrayLike, ArrayLike, ArrayLike], n: int) -> Rows:
@@ -65,7 +65,8 @@ def checked_rows(name: str, value: tuple[ArrayLike, ArrayLike, ArrayLike], n: in
     try:
         R, lower, upper = value
     except (TypeError, ValueError):
-        raise ValueError(f"{name} must be (R, lower, upper), got {check.shown(value)}") from None
+        got = check.short_repr(value)
+        raise ValueError(f"{name} must be (R, lower, upper), got {got}") from None
     G = check.array(name, R, None, n, copy=True)
     return Rows(G, limits(name, (lower, upper), len(G)))
 
@@ -123,7 +124,8 @@ class Optimum(NamedTuple):
     @property
     def infeasible(self) -> bool:
         """Whether limits and constraints contradict each other in any problem."""
-        return self.hard > 0 and bool(self.packed.unmet(slice(0, self.hard), self.point.x).any())
+        hard = slice(0, self.hard)
+        return self.hard > 0 and bool(self.packed.is_violated(hard, self.point.x).any())
 
 
 def optimum(
@@ -146,7 +148,8 @@ def optimum(
     if limiting is not None and not limiting.is_box and levels[1].damping:
         levels = [*damped(levels[:2], tolerance), *levels[2:]]
     equations = [
-        Equations(one.A, _asked(one, p), np.asarray(one.scale), one.damping) for one in levels
+        Equations(level.A, _target_rows(level, p), np.asarray(level.scale), level.damping)
+        for level in levels
     ]
     if limiting is None:
         packed = pack(equations, limits("", None, n), tolerance)
@@ -157,11 +160,11 @@ def optimum(
         equations, rows, box = _keeping_direction(equations, rows, box, achieved)
     packed = pack([*rows, *equations], box, tolerance)
     if scaled:
-        packed = packed._replace(own=n)
+        packed = packed._replace(unknowns=n)
     return Optimum(packed, solved(packed, start), n, len(rows) + 1, scaled, lead)
 
 
-def _asked(level: Level, p: Array) -> Array:
+def _target_rows(level: Level, p: Array) -> Array:
     """What its rows are to be, (..., k)."""
     target = times(level.target, p)
     rows = level.A.shape[-2]
@@ -172,19 +175,20 @@ def _keeping_direction(
     equations: Sequence[Equations], rows: Sequence[Rows], box: Limits, achieved: Array
 ) -> tuple[list[Equations], list[Rows], Limits]:
     """One more unknown: how much of what is achieved without limits; as much as possible."""
-    constraint, major, *rest = (each._replace(A=_with_column(each.A, 0.0)) for each in equations)
+    wide = [level._replace(A=_with_column(level.A, 0.0)) for level in equations]
+    constraint, major, *lower_levels = wide
     size = np.linalg.norm(achieved, axis=-1, keepdims=True)
     unit = achieved / np.where(size > 0.0, size, 1.0)
     # Of the size of the major rows, so that no rank depends on how fast the motion is.
     scale = np.where(major.scale > 0.0, major.scale, 1.0)[..., None]
     most = size / scale
     along = major._replace(A=_with_column(equations[1].A, -unit * scale), b=np.zeros(unit.shape))
-    one = np.zeros((1, along.A.shape[-1]))
-    one[0, -1] = 1.0
-    levels = [constraint, along, Equations(one, most, np.asarray(1.0)), *rest]
-    wide = [each._replace(G=_with_column(each.G, 0.0)) for each in rows]
+    unit_row = np.zeros((1, along.A.shape[-1]))
+    unit_row[0, -1] = 1.0
+    levels = [constraint, along, Equations(unit_row, most, np.asarray(1.0)), *lower_levels]
+    wide_rows = [block._replace(G=_with_column(block.G, 0.0)) for block in rows]
     low, high = box
-    return levels, wide, (beside(low, np.zeros_like(most)), beside(high, most))
+    return levels, wide_rows, (concatenated(low, np.zeros_like(most)), concatenated(high, most))
 
 
 def _with_column(A: Array, column: Array | float) -> Array:

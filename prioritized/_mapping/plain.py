@@ -31,7 +31,9 @@ class Plain:
         m1: Major directions.
     """
 
-    __slots__ = ("J", "S", "_made", "clear", "m1", "metric", "scale", "tolerance", "weights")
+    __slots__ = (
+        "J", "S", "_kernel_arguments", "m1", "metric", "scale", "threshold", "tolerance", "weights",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -42,22 +44,22 @@ class Plain:
         metric: Array | None,
         scale: Array | None,
         tolerance: float,
-        clear: float = 0.0,
+        threshold: float = 0.0,
         shape: tuple[Struct, int] | None = None,
     ) -> None:
         self.J, self.S, self.m1, self.weights, self.metric = J, S, m1, weights, metric
-        self.scale, self.tolerance, self.clear = scale, tolerance, clear
+        self.scale, self.tolerance, self.threshold = scale, tolerance, threshold
         if shape is None:
             rows = m1 if metric is None else len(metric)
             has = weights[0] is not None, weights[1] is not None
             count = int(np.prod(J.shape[:-2]))
-            shape = shape_of(S, rows, J.shape[-1], has, tolerance, clear, count)
-        self._made = *shape, pointer(J), *map(_or_none, (scale, *weights))
+            shape = shape_of(S, rows, J.shape[-1], has, tolerance, threshold, count)
+        self._kernel_arguments = *shape, pointer(J), *map(_or_none, (scale, *weights))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Pointers are no use elsewhere.
-        rest = self.weights, self.metric, self.scale, self.tolerance, self.clear
-        return Plain, (self.J, self.S, self.m1, *rest)
+        others = self.weights, self.metric, self.scale, self.tolerance, self.threshold
+        return Plain, (self.J, self.S, self.m1, *others)
 
     def problem(self, S_m: Array, S_s: Array) -> Problem:
         """The checked arguments that it stands for."""
@@ -75,7 +77,7 @@ class Plain:
     @property
     def is_moderate(self) -> bool:
         """Whether all numbers are finite, and no product of them over- or underflows."""
-        problem, _, J, _, w1, w2 = self._made
+        problem, _, J, _, w1, w2 = self._kernel_arguments
         return lib.problem1_fits(problem.pointer, J, w1, w2)
 
     def rates(
@@ -89,12 +91,12 @@ class Plain:
 
         That is for targets with other leading axes than J, and where a rank is in doubt.
         """
-        given = v_major, joint_velocity, secondary_velocity
-        problem, room, *first = self._made
+        values = v_major, joint_velocity, secondary_velocity
+        problem, workspace, *first = self._kernel_arguments
         lead, n, m1 = self.J.shape[:-2], self.J.shape[-1], self.m1
         sizes = m1, n, len(self.S) - (m1 if self.metric is None else len(self.metric))
         targets: list[Any] = []
-        for i, value in enumerate(given):
+        for i, value in enumerate(values):
             # A call of the argument checks would take as long as the arithmetic.
             if type(value) is np.ndarray and value.dtype is _FLOAT64:
                 target = value
@@ -111,16 +113,19 @@ class Plain:
                 target = target.dot(self.metric.T)
             targets.append(target)
         x, limits = np.empty((*lead, sizes[1])), None if box is None else np.asarray(box)
-        made = ffi.NULL if room <= lib.OWN_ROOM else pointer(np.empty(room)), pointer(x)
+        outputs = (
+            ffi.NULL if workspace <= lib.OWN_ROOM else pointer(np.empty(workspace)),
+            pointer(x),
+        )
         try:
-            there = [_or_none(target) for target in (*targets, limits)]
+            inputs = [_or_none(target) for target in (*targets, limits)]
         except ValueError:  # not contiguous, as few are
-            there = [
+            inputs = [
                 _or_none(None if A is None else np.array(A, order="C")) for A in (*targets, limits)
             ]
-        code = lib.problem1_solve(problem.pointer, *first, *there, *made)
+        code = lib.problem1_solve(problem.pointer, *first, *inputs, *outputs)
         if code == lib.PROBLEM1_REFUSED:
-            for name, value, size in zip(NAMES, given, sizes, strict=True):
+            for name, value, size in zip(NAMES, values, sizes, strict=True):
                 if value is not None:
                     check.array(name, value, ..., size)
         return x if code == lib.PROBLEM1_SOLVED else None
@@ -132,7 +137,7 @@ def shape_of(
     n: int,
     has: tuple[bool, bool],
     tolerance: float,
-    clear: float = 0.0,
+    threshold: float = 0.0,
     count: int = 1,
 ) -> tuple[Struct, int]:
     """All that is no J or weight, as the kernel takes it, and the room that it needs.
@@ -157,7 +162,7 @@ def shape_of(
         joint=has[0],
         secondary=has[1],
         tolerance=tolerance,
-        clear=clear,
+        clear=threshold,
         S=S,
     )
     return problem, lib.problem1_room(problem.pointer)
@@ -167,7 +172,7 @@ def _or_none(A: Array | None) -> Any:
     return ffi.NULL if A is None else pointer(A)
 
 
-def plain_of(problem: Problem, clear: float = 0.0) -> Plain | None:
+def plain_of(problem: Problem, threshold: float = 0.0) -> Plain | None:
     """A checked problem as one of these, if its weights are diagonals and nothing else is given.
 
     It does not answer where singular values may be below `clear` parts of the scale.
@@ -183,7 +188,7 @@ def plain_of(problem: Problem, clear: float = 0.0) -> Plain | None:
     S = np.ascontiguousarray(np.concatenate([S_m if M is None else M @ S_m, S_s]))
     sizes = np.ascontiguousarray(np.broadcast_to(scale, lead), float).reshape(-1)
     J = np.ascontiguousarray(J)
-    plain = Plain(J, S, len(S_m), (w1, w2), M, sizes, tolerance, clear)
+    plain = Plain(J, S, len(S_m), (w1, w2), M, sizes, tolerance, threshold)
     return plain if plain.is_moderate else None
 
 

@@ -55,8 +55,8 @@ class Problem(NamedTuple):
     def has_ties(self) -> bool:
         """Whether the least norm of all unknowns decides, no diagonal weight being on each."""
         W, n = self.weight, self.J.shape[-1]
-        settled = W.ndim == 2 and len(W) == n and bool(W.diagonal().all())
-        return not self.tie_metric.size and not (settled and np.count_nonzero(W) == n)
+        is_positive = W.ndim == 2 and len(W) == n and bool(W.diagonal().all())
+        return not self.tie_metric.size and not (is_positive and np.count_nonzero(W) == n)
 
     @property
     def exact(self) -> float:
@@ -81,10 +81,10 @@ class Problem(NamedTuple):
     def flat(self) -> "Problem":
         """The same problems with one batch axis, on those arrays that have any."""
 
-        def flattened(A: Array, own: int) -> Array:
-            if A.ndim == own:
+        def flattened(A: Array, axes: int) -> Array:
+            if A.ndim == axes:
                 return A
-            shape = A.shape[A.ndim - own :]
+            shape = A.shape[A.ndim - axes :]
             return np.broadcast_to(A, (*self.lead, *shape)).reshape(prod(self.lead), *shape)
 
         return self._map(flattened, lead=(prod(self.lead),))
@@ -92,7 +92,7 @@ class Problem(NamedTuple):
     def part(self, which: slice | Mask) -> "Problem":
         """Some of the problems of a flat batch."""
         return self._map(
-            lambda A, own: A if A.ndim == own else A[which],
+            lambda A, axes: A if A.ndim == axes else A[which],
             lead=np.empty(self.lead, dtype=bool)[which].shape,
         )
 
@@ -195,5 +195,6 @@ def _of_moderate_size(*weights: Array) -> tuple[Array, ...]:
 def _metric(value: ArrayLike, m1: int, tolerance: float) -> Array:
     M = check.array("major_metric", check.weight("major_metric", value, m1), ..., None, m1)
     if np.any(ranked_svd(M, frobenius(M), tolerance).rank < m1):
-        raise ValueError(f"major_metric must weigh every major direction, got {check.shown(value)}")
+        got = check.short_repr(value)
+        raise ValueError(f"major_metric must weigh every major direction, got {got}")
     return M

@@ -36,7 +36,7 @@ class Limited(ReadOnly):
     optimum: Optimum
 
     @property
-    def asked(self) -> Array:
+    def major_target(self) -> Array:
         """The major task as the problem states it, shape (..., m1)."""
         return self.targets[..., : len(self.mapping._problem.S_m)]
 
@@ -49,7 +49,7 @@ class Limited(ReadOnly):
     @property
     def residual(self) -> Array:
         """Part of the major task that is not reached, shape (..., m1)."""
-        return read_only(np.asarray(self.asked - self._major(self.optimum.x)))
+        return read_only(np.asarray(self.major_target - self._major(self.optimum.x)))
 
     @property
     def scale(self) -> Array:
@@ -70,8 +70,8 @@ class Limited(ReadOnly):
         lost = np.linalg.norm(self._major(self.optimum.x - self.unlimited), axis=-1)
         terms = np.abs(self.mapping._levels[1].A).sum(axis=(-2, -1))
         round_off = 1e3 * ROUND_OFF * terms * np.linalg.norm(self.unlimited, axis=-1)
-        held_back = lost > ACCURACY * np.linalg.norm(self.asked, axis=-1) + round_off
-        return read_only(np.asarray(held_back))
+        is_limited = lost > ACCURACY * np.linalg.norm(self.major_target, axis=-1) + round_off
+        return read_only(np.asarray(is_limited))
 
     @property
     def status(self) -> Status:
@@ -122,13 +122,13 @@ class VelocitySolution(Limited):
         `when_limited` "scaled", v_m is the one that is left of it.
         """
         free = self.active_limits[..., None, :] == 0
-        levels = [each._replace(A=each.A * free) for each in self.mapping._levels]
+        levels = [level._replace(A=level.A * free) for level in self.mapping._levels]
         nothing = np.zeros((1, levels[0].target.shape[-1]))
         rows, first = [], 0
-        for each in self.mapping._rows:
-            held = self.active_rows[..., first : first + len(each.G), None] != 0
-            first += len(each.G)
-            rows.append(Level(each.G * held * free, nothing, frobenius(each.G)))
+        for block in self.mapping._rows:
+            is_active = self.active_rows[..., first : first + len(block.G), None] != 0
+            first += len(block.G)
+            rows.append(Level(block.G * is_active * free, nothing, frobenius(block.G)))
         X, _ = lexicographic([*rows, *levels], self.mapping._problem.tolerance)
         return read_only(self.mapping._own_gains(X * np.swapaxes(free, -1, -2)))
 
@@ -162,8 +162,8 @@ class ForceSolution(Limited):
     @property
     def residual(self) -> Array:
         """Part of the major force that no equilibrium within the limits admits, (..., m1)."""
-        lacking, units = super().residual, self.mapping._units
-        return lacking if units is None else read_only(lacking / units.measure.major)
+        residual, units = super().residual, self.mapping._units
+        return residual if units is None else read_only(residual / units.measure.major)
 
     @property
     def secondary_force(self) -> Array:

@@ -55,7 +55,9 @@ class Status(Enum):
 
 def status_of(conditions: Mapping[Status, Callable[[], object]], otherwise: Status) -> Status:
     """Decide a status: the first, in the order of the class, whose condition holds."""
-    return next((each for each in Status if each in conditions and conditions[each]()), otherwise)
+    return next(
+        (status for status in Status if status in conditions and conditions[status]()), otherwise
+    )
 
 
 def task_selection(
@@ -76,7 +78,7 @@ def task_selection(
     if np.ndim(major) == 2:
         full = ranked_svd(S_m, frobenius(S_m), tolerance, full=True)
         return S_m, canonical(full.Vt[int(full.rank) :].T).T
-    return S_m, _rest(S_m)
+    return S_m, _remaining_rows(S_m)
 
 
 def are_rows(value: Sequence[int] | ArrayLike) -> TypeGuard[Sequence[int]]:
@@ -92,11 +94,11 @@ def _of_rows(
     major: tuple[int, ...], secondary: tuple[int, ...] | None, m: int
 ) -> tuple[Array, Array]:
     S_m = rows_of("major", major, m)
-    S_s = _rest(S_m) if secondary is None else rows_of("secondary", secondary, m)
+    S_s = _remaining_rows(S_m) if secondary is None else rows_of("secondary", secondary, m)
     return check.frozen(S_m), check.frozen(S_s)
 
 
-def _rest(S_m: Array) -> Array:
+def _remaining_rows(S_m: Array) -> Array:
     return np.eye(S_m.shape[1])[S_m.sum(axis=0) == 0]
 
 

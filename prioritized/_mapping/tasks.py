@@ -84,7 +84,7 @@ class Part(NamedTuple):
             return np.zeros((len(W), m)), W
         return W @ self.S, np.zeros((len(W), n))
 
-    def lacking(self, target: Array, J: Array, rates: Array) -> Array:
+    def residual(self, target: Array, J: Array, rates: Array) -> Array:
         """Target (k,) less what is achieved; for an interval (2, k) what lacks to lie in it."""
         achieved = self.of(J) @ rates
         return achieved.clip(*target) - achieved if self.interval else target - achieved
@@ -97,7 +97,7 @@ def tasks_of(name: str, level: Task | Sequence[Task]) -> tuple[Task, ...]:
     """The tasks of a level."""
     tasks = [level] if isinstance(level, Task) else level
     if not isinstance(tasks, Sequence) or not tasks:
-        raise ValueError(f"{name} must be a Task or a list of tasks, got {check.shown(level)}")
+        raise ValueError(f"{name} must be a Task or a list of tasks, got {check.short_repr(level)}")
     for task in tasks:
         check.instance(name, task, Task)
     if len(tasks) > 1 and any(task.interval for task in tasks):
@@ -139,12 +139,12 @@ def targets_of(name: str, level: Level, target: Any) -> tuple[Array, ...]:
     """Target of each task of a level: (k,), or (2, k) for an interval."""
     if len(level) == 1:
         return (_target(name, level[0], target),)
-    each = [None] * len(level) if target is None else target
-    if not isinstance(each, Sequence) or len(each) != len(level):
+    targets = [None] * len(level) if target is None else target
+    if not isinstance(targets, Sequence) or len(targets) != len(level):
         raise ValueError(
-            f"{name} must be {len(level)} targets, one a task, got {check.shown(target)}"
+            f"{name} must be {len(level)} targets, one a task, got {check.short_repr(target)}"
         )
-    return tuple(_target(name, part, one) for part, one in zip(level, each, strict=True))
+    return tuple(_target(name, part, value) for part, value in zip(level, targets, strict=True))
 
 
 def _target(name: str, part: Part, target: Any) -> Array:

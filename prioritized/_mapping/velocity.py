@@ -12,11 +12,11 @@ from argument_checks import Array, Indices
 from prioritized._mapping.amplification import (
     as_sentence,
     closure_sentences,
-    doubt_sentences,
     length_sentences,
     servo_sentences,
+    uncertainty_sentences,
 )
-from prioritized._mapping.asked import Asked
+from prioritized._mapping.level_specs import LevelSpecs
 from prioritized._mapping.levels import Level, smallest_gap, velocity_gains, velocity_levels
 from prioritized._mapping.limited import Limiting, Optimum, optimum
 from prioritized._mapping.plain import NAMES, Plain, plain_of
@@ -105,16 +105,16 @@ class VelocityMapping:
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
         """Optimal active joint rates, shape (..., n); what is None counts as zero."""
-        given, limiting = (v_major, joint_velocity, secondary_velocity), self._limiting
+        targets, limiting = (v_major, joint_velocity, secondary_velocity), self._limiting
         if limiting is None or limiting.is_box:
             box = None if limiting is None else limiting.box
             if "_origin" in vars(self):
-                rates = self._by_tick(given, box)
+                rates = self._by_tick(targets, box)
             else:
-                rates = None if self._plain is None else self._plain.rates(*given, box)
+                rates = None if self._plain is None else self._plain.rates(*targets, box)
             if rates is not None:
                 return rates
-        return self._own_rates(self._solved(*given, None)[1].x)
+        return self._own_rates(self._solved(*targets, None)[1].x)
 
     @cached_property
     def _rate_units(self) -> Array | None:
@@ -125,17 +125,17 @@ class VelocityMapping:
         """Rates of the problem (..., n) in the units of J, within the limits exactly."""
         if self._rate_units is None:
             return rates
-        own = rates * self._rate_units
-        return own if self._limiting is None else own.clip(*self._limiting.box)
+        scaled = rates * self._rate_units
+        return scaled if self._limiting is None else scaled.clip(*self._limiting.box)
 
-    def _by_tick(self, given: tuple[ArrayLike | None, ...], box: Limits | None) -> Array | None:
+    def _by_tick(self, arguments: tuple[ArrayLike | None, ...], box: Limits | None) -> Array | None:
         """Optimal rates for one target from J_T and J_C; None for others, or in doubt."""
-        tick, (major, *others), problem = self.tick(), given, self._first._own
+        tick, (major, *others), problem = self.tick(), arguments, self._first._own
         if tick is None or self._kinematics is None:
             return None
         sizes = len(problem.S_m), problem.J.shape[1], len(problem.S_s)
-        rest = (none((k,)) if v is None else v for v, k in zip(others, sizes[1:], strict=True))
-        targets = [major, *rest]
+        desired = (none((k,)) if v is None else v for v, k in zip(others, sizes[1:], strict=True))
+        targets = [major, *desired]
         # What is not finite is found later; the checks would take as long as the arithmetic.
         if [v.shape if check.is_plain(v) else None for v in targets] != [(k,) for k in sizes]:
             targets = [
@@ -144,8 +144,8 @@ class VelocityMapping:
             ]
             if any(v.ndim > 1 for v in targets):
                 return None
-        asked = np.concatenate(targets if len(problem.secondary_weight) else targets[:2])
-        velocities = tick.at_jacobians(self._kinematics.system.geometry, asked, box)
+        targets = np.concatenate(targets if len(problem.secondary_weight) else targets[:2])
+        velocities = tick.at_jacobians(self._kinematics.system.geometry, targets, box)
         return None if velocities is None else velocities[tick.basis.joints[0]]
 
     def _solved(
@@ -207,8 +207,8 @@ class VelocityMapping:
         if any(not check.SMALLEST <= size < check.LARGEST for size in sizes):
             return None
         T = problem.tie_metric
-        asked = Asked.of(kinematics, _tasks_of(self, problem), T if len(T) else None)
-        return Tick.of(asked, kinematics)
+        specs = LevelSpecs.of(kinematics, _tasks_of(self, problem), T if len(T) else None)
+        return Tick.of(specs, kinematics)
 
     @cached_property
     def _plain(self) -> Plain | None:
@@ -217,7 +217,7 @@ class VelocityMapping:
         is_tied = kinematics is not None and kinematics._reduced.is_tied
         if self._damping or is_tied or self._rate_units is not None or "_origin" in vars(self):
             return None
-        return plain_of(self._stated, 0.0 if kinematics is None else kinematics._reduced.clear)
+        return plain_of(self._stated, 0.0 if kinematics is None else kinematics._reduced.threshold)
 
     @cached_property
     def _problem(self) -> Problem:
@@ -225,23 +225,23 @@ class VelocityMapping:
         kinematics, stated = self._kinematics, self._stated
         if kinematics is None:
             return stated
-        J, scale = kinematics._reduced.decided(*self._directions, stated.major_metric)
+        J, scale = kinematics._reduced.truncated_jacobian(*self._directions, stated.major_metric)
         return stated._replace(J=J, scale=np.asarray(scale))
 
     @cached_property
     def _stated(self) -> Problem:
         """The problem in natural units, before any rank of J is decided."""
-        kinematics, own = self._kinematics, self._first._own
+        kinematics, stated = self._kinematics, self._first._own
         if kinematics is None:
-            return own
+            return stated
         reduced = kinematics._reduced
         units, (J, scale) = self._rate_units, reduced.measured
-        M = own.major_metric
+        M = stated.major_metric
         if M is None:
             M = reduced.measure(self._directions[0]).metric
-        there = own.natural(reduced.task_units, 1.0 if units is None else units)
-        made = {"J": J, "scale": np.asarray(scale), "active_constraint": reduced.constraint}
-        return there._replace(**made, major_metric=M)
+        natural = stated.natural(reduced.task_units, 1.0 if units is None else units)
+        parts = {"J": J, "scale": np.asarray(scale), "active_constraint": reduced.constraint}
+        return natural._replace(**parts, major_metric=M)
 
     @cached_property
     def _own(self) -> Problem:
@@ -268,15 +268,15 @@ class VelocityMapping:
             secondary_velocity: Desired secondary velocity, shape (..., m2); None is zero.
             start: Solution of a similar problem, such as that of the tick before.
         """
-        begun = None if start is None else check.instance("start", start, VelocitySolution).point
-        p, best = self._solved(v_major, joint_velocity, secondary_velocity, begun)
+        warm = None if start is None else check.instance("start", start, VelocitySolution).point
+        p, best = self._solved(v_major, joint_velocity, secondary_velocity, warm)
         return VelocitySolution(self, p, best)
 
     @property
     def _rows(self) -> tuple[Rows, ...]:
         """Inequality rows of the rates of the problem."""
-        within = self._within
-        return () if within is None else within.rows
+        limiting = self._within
+        return () if limiting is None else limiting.rows
 
     @cached_property
     def _levels(self) -> list[Level]:
@@ -294,11 +294,11 @@ class VelocityMapping:
                 :meth:`prioritized.Kinematics.velocity_mapping`; None is those of this mapping.
         """
         if not hasattr(kinematics, "hierarchy"):
-            raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
-        first, there = self._first, kinematics.system.shape
+            raise TypeError(f"kinematics must be a Kinematics, got {check.short_repr(kinematics)}")
+        first, other_shape = self._first, kinematics.system.shape
         shape = first._own.J.shape
-        if there != shape:
-            raise ValueError(f"kinematics must have a J of shape {shape}, got {there}")
+        if other_shape != shape:
+            raise ValueError(f"kinematics must have a J of shape {shape}, got {other_shape}")
         limiting = self._limiting
         if rate_limits is not None:
             box = limits("rate_limits", kinematics._survivors.pair(rate_limits), shape[1])
@@ -308,7 +308,7 @@ class VelocityMapping:
         vars(mapping).update(parts, _origin=first)
         return mapping
 
-    def within(self, rate_limits: tuple[ArrayLike, ArrayLike]) -> "VelocityMapping":
+    def with_limits(self, rate_limits: tuple[ArrayLike, ArrayLike]) -> "VelocityMapping":
         """The same mapping with other limits of the n rates, as for :func:`velocity_mapping`.
 
         Limits of displacements are such limits: what is left of them changes from tick to tick.
@@ -326,9 +326,10 @@ class VelocityMapping:
         return Limiting(box) if self._limiting is None else self._limiting._replace(box=box)
 
     def __str__(self) -> str:
+        gain = float(self.largest_gain.max(initial=0.0))
         sentences = (
             as_sentence(self.status.value),
-            *doubt_sentences(float(self.largest_gain.max(initial=0.0)), self._gain_uncertainty),
+            *uncertainty_sentences(gain, self._gain_uncertainty),
             *servo_sentences(self.amplification),
             *length_sentences(self.characteristic_length),
             *closure_sentences(self.closure_condition),
@@ -380,8 +381,8 @@ class VelocityMapping:
         """
         if self._measure is None:
             return None
-        is_met = self.status is Status.EXACT and self._limiting is None
-        return self._measure.length(not is_met, self._problem.has_ties)
+        is_exact = self.status is Status.EXACT and self._limiting is None
+        return self._measure.length(not is_exact, self._problem.has_ties)
 
     @property
     def _measure(self) -> Measure | None:
@@ -434,18 +435,18 @@ class VelocityMapping:
     def status(self) -> Status:
         """What holds for every problem of the batch."""
         conditions = {
-            Status.SELF_MOTION: lambda: not self._is_held,
+            Status.SELF_MOTION: lambda: not self._is_determined,
             Status.LEAST_SQUARES: lambda: not np.all(self.rank == len(self._problem.S_m)),
             Status.DAMPED: lambda: self._damping,
         }
         return status_of(conditions, Status.EXACT)
 
     @property
-    def _is_held(self) -> bool:
+    def _is_determined(self) -> bool:
         """Whether no self-motion moves the major task, in any problem of the batch."""
         S_m, Q, tolerance = self._problem.S_m, self._problem.self_motion, self._problem.tolerance
         if self._kinematics is not None:
-            return self._kinematics._reduced.holds(self._directions[0])
+            return self._kinematics._reduced.determines(self._directions[0])
         moved = ranked_svd(S_m @ Q, largest(S_m) * basis_scale(Q), tolerance)
         return not np.any(moved.rank > 0)
 
@@ -467,11 +468,11 @@ class VelocityMapping:
         return self._rate_units[:, None] * X / inputs
 
 
-def _tasks_of(mapping: VelocityMapping, own: Problem) -> tuple[tuple[Task, ...], ...]:
+def _tasks_of(mapping: VelocityMapping, problem: Problem) -> tuple[tuple[Task, ...], ...]:
     """Problem 1 as levels: the major task, then rates and secondary task beside each other."""
-    (S_m, S_s), M, W1 = mapping._directions, own.major_metric, own.weight
+    (S_m, S_s), M, W1 = mapping._directions, problem.major_metric, problem.weight
     if M is not None and len(M) > len(S_m):
         M = np.linalg.qr(M, mode="r")
     rates = Task.joints(W1 if len(W1) else np.zeros(W1.shape[1]))
-    beside = [Task(S_s, own.secondary_weight)] if len(own.secondary_weight) else []
-    return (Task(S_m, M, damping=mapping._damping),), (rates, *beside)
+    secondary = [Task(S_s, problem.secondary_weight)] if len(problem.secondary_weight) else []
+    return (Task(S_m, M, damping=mapping._damping),), (rates, *secondary)

@@ -84,12 +84,12 @@ def velocity_mapping(
         and rate_rows is None
         and damping == 0
     ):
-        quick = of_plain_arrays(
+        mapping = of_plain_arrays(
             J, major, secondary, joint_weight, secondary_weight, scale, rank_tolerance,
             rate_limits, when_limited,
         )  # fmt: skip
-        if quick is not None:
-            return quick
+        if mapping is not None:
+            return mapping
     args = checked(
         J,
         major,
@@ -147,14 +147,14 @@ def of_plain_arrays(
         and w2.shape == ((len(selected[0][1]),) if secondary_weight is not None else (0,))
     ):
         return None
-    directions, S, made = selected
+    directions, S, struct = selected
     weights = (
         (None if joint_weight is None else w1.copy()),
         (None if secondary_weight is None else w2.copy()),
     )
     sizes = None if scale is None else np.array([size])
     m1 = len(directions[0])
-    plain = Plain(J.copy(), S, m1, weights, None, sizes, rank_tolerance, shape=made)
+    plain = Plain(J.copy(), S, m1, weights, None, sizes, rank_tolerance, shape=struct)
     if not plain.is_moderate:
         return None
     limited = limiting(J.shape[1], "rate_limits", box, {}, when_limited)
@@ -167,7 +167,7 @@ def _selected(
     shape: tuple[int, ...],
     has: tuple[float, bool, bool],
     p: int,
-    others: bool,
+    complement: bool,
     *rows: Any,
 ) -> tuple[tuple[Array, Array], Array, tuple[Struct, int]] | None:
     """Both tasks, all directions, and their shape.
@@ -182,11 +182,11 @@ def _selected(
     (tolerance, *weights), major = has, rows[:p]
     if not (len(shape) == 2 and 0.0 < tolerance < 1.0 and are_rows(rows)):
         return None
-    S_m, S_s = task_selection(major, None if others else rows[p:], shape[0])
+    S_m, S_s = task_selection(major, None if complement else rows[p:], shape[0])
     S = check.frozen(np.concatenate([S_m, S_s]))
     has_rates, has_secondary = weights
-    made = shape_of(S, len(S_m), shape[1], (has_rates, has_secondary), tolerance)
-    return (S_m, S_s), S, made
+    struct = shape_of(S, len(S_m), shape[1], (has_rates, has_secondary), tolerance)
+    return (S_m, S_s), S, struct
 
 
 _FLOAT64 = np.dtype(np.float64)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from argument_checks import Array, Indices
 from prioritized._mechanism.measure import Measure, units_of
-from prioritized._mechanism.task_motion import LEAST_ROWS, Before, TaskMotion, null_of
+from prioritized._mechanism.task_motion import LEAST_ROWS, RemainingMotion, TaskMotion, null_of
 from prioritized._solver.arrays import transposed
 from prioritized._solver.rank import RANK_TOLERANCE, RankedSvd, frobenius, largest, norm
 
@@ -32,7 +32,7 @@ class MajorTask:
     S_s: Array
 
     @property
-    def reach(self) -> RankedSvd:
+    def decision(self) -> RankedSvd:
         """Of the major Jacobian."""
         return self._first[0]
 
@@ -42,38 +42,38 @@ class MajorTask:
         return self._second[0]
 
     @cached_property
-    def _first(self) -> tuple[RankedSvd, "Before"]:
+    def _first(self) -> tuple[RankedSvd, RemainingMotion]:
         return self.task.start.then(self.task, self.task.step(self._major))
 
     @cached_property
-    def _second(self) -> tuple[RankedSvd, "Before"]:
+    def _second(self) -> tuple[RankedSvd, RemainingMotion]:
         return self._first[1].then(self.task, self.task.step(self._secondary))
 
     @cached_property
     def moved(self) -> RankedSvd:
         """Of the major motion with every active joint locked."""
-        S, error, task = self._major, self.task.still_error, self.task.geometry.task
+        S, error, task = self._major, self.task.self_motion_error, self.task.geometry.task
         # Against the 2-norm, so that with every row major it is the decision on the whole task.
         rows = np.maximum(frobenius(task[S.any(axis=0)]), LEAST_ROWS * self.task.geometry.size)
         size = largest(S) * rows
-        return self.task.decided(
-            S @ self.task.still, size, None if error is None else np.abs(S) @ error
+        return self.task.decide(
+            S @ self.task.self_motion_task, size, None if error is None else np.abs(S) @ error
         )
 
     @cached_property
-    def aside(self) -> RankedSvd:
+    def moved_secondary(self) -> RankedSvd:
         """Of the task motion, active joints locked, that does not move the major task."""
-        rest, error = null_of(self.moved), self.task.still_error
-        error = None if error is None else error @ np.abs(rest)
-        return self.task.decided(self.task.still @ rest, self.task.geometry.size, error)
+        null, error = null_of(self.moved), self.task.self_motion_error
+        error = None if error is None else error @ np.abs(null)
+        return self.task.decide(self.task.self_motion_task @ null, self.task.geometry.size, error)
 
     @property
     def gap(self) -> Array:
         """Smallest gap of the decisions that a mapping rests on, shape (...)."""
-        decisions = self.reach, self.moved, self.secondary
-        return np.minimum.reduce([self.task.gap, *(one.gap for one in decisions)])
+        decisions = self.decision, self.moved, self.secondary
+        return np.minimum.reduce([self.task.gap, *(svd.gap for svd in decisions)])
 
-    def handed_on(
+    def truncated(
         self, J: Array, scale: Array | float, constraint: Array, metric: Array | None = None
     ) -> tuple[Array, Array]:
         """J (..., m, n) without what counts as lost, and the size that parts its rank.
@@ -87,15 +87,15 @@ class MajorTask:
             metric: M (k, m1) of the major velocity in its own units; None measures natural ones.
         """
         S_m, S_s = self._major, self._secondary
-        if (lost := self.task.start.lost(self.reach, S_m @ J)) is not None:
-            J = J - np.linalg.pinv(S_m) @ lost
-        if (lost := self._first[1].lost(self.secondary, S_s @ J)) is not None:
-            beside = S_s @ (np.eye(S_s.shape[1]) - np.linalg.pinv(S_m) @ S_m)
-            J = J - np.linalg.pinv(beside) @ lost
+        if (negligible := self.task.start.negligible(self.decision, S_m @ J)) is not None:
+            J = J - np.linalg.pinv(S_m) @ negligible
+        if (negligible := self._first[1].negligible(self.secondary, S_s @ J)) is not None:
+            complement = S_s @ (np.eye(S_s.shape[1]) - np.linalg.pinv(S_m) @ S_m)
+            J = J - np.linalg.pinv(complement) @ negligible
         S = S_m if metric is None else metric @ (self.S_m * self.task.task_units)
         admissible: Array = S @ (J - J @ transposed(constraint) @ constraint)
         sigma = np.linalg.svd(admissible, compute_uv=False)
-        return J, parting(scale, norm(S), sigma, self.reach.rank)
+        return J, separating_scale(scale, norm(S), sigma, self.decision.rank)
 
     @property
     def gain_uncertainty(self) -> float:
@@ -103,7 +103,7 @@ class MajorTask:
 
         It is what the accuracy of the geometry leaves open.
         """
-        return self.reach.uncertainty if self.reach.rank == len(self.S_m) else 0.0
+        return self.decision.uncertainty if self.decision.rank == len(self.S_m) else 0.0
 
     @cached_property
     def major_units(self) -> Array:
@@ -131,7 +131,9 @@ class MajorTask:
         return self.S_s * units / self.secondary_units[:, None]
 
 
-def parting(scale: Array | float, size: float, sigma: NDArray[Any], rank: Indices) -> Array:
+def separating_scale(
+    scale: Array | float, size: float, sigma: NDArray[Any], rank: Indices
+) -> Array:
     """Size of J for which :data:`RANK_TOLERANCE` parts what counts of S J from what does not.
 
     The `scale` of its terms, unless that would drop a direction that counts, shape (...).

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from argument_checks import Array, Indices
 from kernels import lib, pointer
-from prioritized._mechanism.conditioning import clear_loops
+from prioritized._mechanism.conditioning import loop_threshold
 from prioritized._mechanism.geometry import Geometry
 from prioritized._mechanism.motions import Motions, motions_of, with_stiffness
 from prioritized._mechanism.task_motion import TaskMotion
@@ -65,11 +65,11 @@ def sort_joints(actuated: Indices, actuators: Indices, stuck: Indices, N: int) -
     return Joints(actuators, active, stuck, moving, _others(active, N), actuated, order)
 
 
-def _others(known: Indices, count: int) -> Indices:
+def _others(excluded: Indices, count: int) -> Indices:
     """The indices of range(count) that are not known, ascending."""
-    rest = np.ones(count, dtype=bool)
-    rest[known] = False
-    return np.flatnonzero(rest)
+    is_other = np.ones(count, dtype=bool)
+    is_other[excluded] = False
+    return np.flatnonzero(is_other)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,8 +106,8 @@ class Partition:
     def reduced(self, gain: Array) -> tuple[Array, float]:
         """J = J_Ta + J_Tp gain, eq. (14), shape (m, n - q), and the size of the two terms."""
         J_T, (p, n) = np.ascontiguousarray(self.J_T), gain.shape
-        J, own = np.empty((len(J_T), n)), (pointer(self.joints.order), p, n, pointer(gain), n)
-        scale = lib.reduce_task(pointer(J_T), *J_T.shape, *own, pointer(J))
+        J, columns = np.empty((len(J_T), n)), (pointer(self.joints.order), p, n, pointer(gain), n)
+        scale = lib.reduce_task(pointer(J_T), *J_T.shape, *columns, pointer(J))
         return read_only(J), scale
 
     @property
@@ -134,8 +134,8 @@ class Partition:
     @cached_property
     def motions(self) -> Motions:
         """The same with self-motion of least norm in that metric, which holds nothing."""
-        held = self.elastic
-        return replace(self.weighed, self_motion=held.self_motion, freedom=held.freedom)
+        elastic = self.elastic
+        return replace(self.weighed, self_motion=elastic.self_motion, freedom=elastic.freedom)
 
 
 class PassiveMotion(NamedTuple):
@@ -167,10 +167,10 @@ def passive_motion(system: Partition) -> PassiveMotion:
     if not c and system.is_rigid:
         return PassiveMotion(none((p, n)), none((p, 0)), identity(p), none((p, p)), none((0, 0)))
     if c >= p:
-        M, own = np.empty((c + 1, p + n + c)), (pointer(system.joints.order), p, n, True)
+        M, columns = np.empty((c + 1, p + n + c)), (pointer(system.joints.order), p, n, True)
         rows = pointer(np.ascontiguousarray(J_C))
-        inverse = lib.close_loops(rows, c, J_C.shape[1], *own, pointer(M))
-        if clear_loops(system.geometry) * norm(J_C) * inverse < 1.0:
+        inverse = lib.close_loops(rows, c, J_C.shape[1], *columns, pointer(M))
+        if loop_threshold(system.geometry) * norm(J_C) * inverse < 1.0:
             gain, closing = np.ascontiguousarray(M[:p, p : p + n]), M[:p, p + n :]
             return PassiveMotion(gain, closing, none((p, 0)), none((p, p)), M[p:c, p + n :])
     J_Cp = J_C.take(moving, 1)

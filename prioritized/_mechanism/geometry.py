@@ -38,7 +38,7 @@ ACCURACY_PARTS = tuple(part for part in vars(Accuracy) if part[0] != "_")
 
 
 @dataclass(frozen=True, eq=False)
-class Elsewhere:
+class TransferredAccuracy:
     """The accuracy at another pose of the mechanism: of each column the largest error there was.
 
     Largest of the rows of the same unit, which another pose mixes.
@@ -53,9 +53,10 @@ class Elsewhere:
     constraints: int
 
     @classmethod
-    def of(cls, accuracy: Accuracy, constraints: int) -> "Elsewhere":
+    def of(cls, accuracy: Accuracy, constraints: int) -> "TransferredAccuracy":
         """That of a mechanism whose accuracy is known at one pose, or is already one of these."""
-        return cls(accuracy.first if isinstance(accuracy, Elsewhere) else accuracy, constraints)
+        is_transferred = isinstance(accuracy, TransferredAccuracy)
+        return cls(accuracy.first if is_transferred else accuracy, constraints)
 
     @property
     def error_bound(self) -> float:
@@ -120,10 +121,11 @@ class Geometry:
     is_stated: bool
 
     @property
-    def elsewhere(self) -> "Geometry":
+    def at_other_pose(self) -> "Geometry":
         """These Jacobians with the errors that they may have at another pose."""
-        of = self.accuracy
-        return self if of is None else replace(self, accuracy=Elsewhere.of(of, len(self.J_C)))
+        if self.accuracy is None:
+            return self
+        return replace(self, accuracy=TransferredAccuracy.of(self.accuracy, len(self.J_C)))
 
     @cached_property
     def error_bound(self) -> float:

@@ -46,7 +46,7 @@ class Motions:
     def admissible(self) -> Array:
         """Orthonormal basis of the rates that the loops admit, zeros last, shape (..., n, .)."""
         k = self.rates.sigma.shape[-1]
-        return self.rates.U[..., :k] * self.rates.kept[..., None, :]
+        return self.rates.U[..., :k] * self.rates.significant[..., None, :]
 
     def constraints(self, actuators: Indices | int) -> Indices:
         """Number of constraints on the rates of so many active joints, eq. (17), shape (...)."""
@@ -78,16 +78,16 @@ def motions_of(
         moving = np.tile(moving, (count, 1))
         moving[:, actuated] = ~is_locked & ~is_active
         both = np.concatenate([is_locked, np.ones((count, len(stuck)), dtype=bool)], axis=1)
-        held_joints = np.concatenate([actuated, stuck])
-        locked = both[..., None] * B[held_joints]
+        fixed_joints = np.concatenate([actuated, stuck])
+        locked = both[..., None] * B[fixed_joints]
         of_locked = None
         if _is_inexact(geometry):
-            of_locked = both[..., None] * geometry.closing[held_joints]
+            of_locked = both[..., None] * geometry.closing[fixed_joints]
     alone = masks is None
     # B is orthonormal, so that ranks of its rows are decided against one.
-    held = ranked_svd(locked, 1.0, tolerance, full=alone, error=_error(geometry, of_locked, B))
-    possible = held.null if alone else held.null_projector()
-    unlocking = held.pseudo_inverse()
+    fixed = ranked_svd(locked, 1.0, tolerance, full=alone, error=_error(geometry, of_locked, B))
+    possible = fixed.null if alone else fixed.null_projector()
+    unlocking = fixed.pseudo_inverse()
     of_active = None
     if of_locked is not None:
         of_active = active * (geometry.closing[actuated] - rows @ unlocking @ of_locked)
@@ -104,10 +104,10 @@ def motions_of(
         task = geometry.task @ B
         free = geometry.task @ geometry.closing
         closing = free - task @ (unlocking @ of_locked + driven @ of_active)
-    gaps = np.broadcast_arrays(geometry.loops.gap, held.gap, rates.gap)
+    gaps = np.broadcast_arrays(geometry.loops.gap, fixed.gap, rates.gap)
     if not len(geometry.J_C):  # nothing was decided: B is the identity
         gaps = [np.full_like(gaps[0], np.inf)]
-    freedom = B.shape[1] - held.rank - rates.rank
+    freedom = B.shape[1] - fixed.rank - rates.rank
     return Motions(
         geometry=geometry,
         moving=moving,
@@ -146,12 +146,12 @@ def with_stiffness(motions: Motions, stiffness: Array) -> Motions:
     scale = np.sqrt(motions.moving @ (K**2).sum(axis=1))
     alone = motions.moving.ndim == 1
     resisted = transposed(F) @ K_m @ B_m @ F
-    held = ranked_svd(resisted, scale, geometry.rank_tolerance, full=alone)
-    compliance = F @ held.pseudo_inverse() @ transposed(F)
+    resistance = ranked_svd(resisted, scale, geometry.rank_tolerance, full=alone)
+    compliance = F @ resistance.pseudo_inverse() @ transposed(F)
     return dataclasses.replace(
         motions,
         driven=motions.driven - compliance @ (K_m @ B) @ motions.driven,
-        self_motion=F @ (held.null if alone else held.null_projector()),
-        freedom=motions.freedom - held.rank,
-        gap=np.minimum(motions.gap, held.gap),
+        self_motion=F @ (resistance.null if alone else resistance.null_projector()),
+        freedom=motions.freedom - resistance.rank,
+        gap=np.minimum(motions.gap, resistance.gap),
     )

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from argument_checks import Array
-from prioritized._mechanism.decisions import parting
+from prioritized._mechanism.decisions import separating_scale
 from prioritized._mechanism.task_motion import Step, TaskMotion
 from prioritized._solver.arrays import read_only
 from prioritized._solver.rank import NOTHING, norm, singular_values
 
 
-class Stacked(NamedTuple):
+class LevelRows(NamedTuple):
     """Levels of rows S J + R, one after the other, J being that of any pose.
 
     Attributes:
@@ -34,7 +34,7 @@ class Stacked(NamedTuple):
     rates_last: bool
 
     @classmethod
-    def of(cls, levels: Sequence[tuple[Array, Array]]) -> "Stacked":
+    def of(cls, levels: Sequence[tuple[Array, Array]]) -> "LevelRows":
         """Of S (k, m) and R (k, n) of each level."""
         on_task, on_rates = zip(*levels, strict=True)
         first = on_task[0]
@@ -60,7 +60,7 @@ class Stacked(NamedTuple):
 
 
 def in_order(
-    task: TaskMotion, levels: Stacked, rows: list[tuple[Array, float]]
+    task: TaskMotion, levels: LevelRows, rows: list[tuple[Array, float]]
 ) -> list[tuple[Array, float]]:
     """Levels of one condition without what counts as lost where those before them are at rest.
 
@@ -69,17 +69,17 @@ def in_order(
         levels: What to decide on.
         rows: Each as rows A (k, n) on the rates, and the size of the terms.
     """
-    before, decided = task.start, []
+    remaining, result = task.start, []
     parts = zip(levels.split(levels.on_task), levels.split(levels.on_rates), rows, strict=True)
     for S, R, (A, scale) in parts:
         # However rows are weighed, alike or not, each counts for its rank.
         weights = np.maximum(np.linalg.norm(np.hstack([S, R]), axis=1), NOTHING)[:, None]
         step, on_rates = task.step(S / weights), R / weights
         all_rows = Step(step.A + on_rates, step.scale + norm(on_rates), step.error)
-        decision, after = before.then(task, all_rows)
-        if (lost := before.lost(decision, A / weights)) is not None:
-            A = read_only(A - weights * lost)
-        sigma = singular_values(A @ before.free)
-        decided.append((A, float(parting(scale, 1.0, sigma, decision.rank))))
-        before = after
-    return decided
+        decision, next_remaining = remaining.then(task, all_rows)
+        if (negligible := remaining.negligible(decision, A / weights)) is not None:
+            A = read_only(A - weights * negligible)
+        sigma = singular_values(A @ remaining.free)
+        result.append((A, float(separating_scale(scale, 1.0, sigma, decision.rank))))
+        remaining = next_remaining
+    return result

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from argument_checks import Array
-from prioritized._mechanism.conditioning import clear_of_errors
+from prioritized._mechanism.conditioning import task_threshold
 from prioritized._mechanism.decisions import MajorTask
 from prioritized._mechanism.elimination import (
     Partition,
@@ -16,7 +16,7 @@ from prioritized._mechanism.elimination import (
     regular_motion,
 )
 from prioritized._mechanism.measure import Measure, is_uniform, units_of
-from prioritized._mechanism.ordered import Stacked, in_order
+from prioritized._mechanism.ordered import LevelRows, in_order
 from prioritized._mechanism.statics import constraint_gain, internal_rows
 from prioritized._mechanism.task_motion import TaskMotion
 from prioritized._solver.arrays import none, read_only
@@ -138,45 +138,47 @@ class Reduced:
         """The rank decisions on the task S_m v, and on S_s v with it at rest."""
         return MajorTask(self.task_motion, S_m, S_m[:0] if S_s is None else S_s)
 
-    def in_order(self, levels: Stacked) -> tuple[list[tuple[Array, float]], bool]:
+    def in_order(self, levels: LevelRows) -> tuple[list[tuple[Array, float]], bool]:
         """Rows of levels (k, n) and their sizes, their rank decisions made one after the other.
 
         And whether no self-motion moves the first level.
         """
         rows = levels.at(self.J, self.scale)
-        is_held = self.holds(levels.first / self.task_units)
+        is_determined = self.determines(levels.first / self.task_units)
         if not len(self.system.joints.active):
-            return rows, is_held
-        return in_order(self.task_motion, levels, rows), is_held
+            return rows, is_determined
+        return in_order(self.task_motion, levels, rows), is_determined
 
     @property
     def measured(self) -> tuple[Array, float]:
         """J and its size, rows in natural units, and rates where these are of two kinds."""
         return self._in_rates(self.J, self.scale)
 
-    def decided(self, S_m: Array, S_s: Array, metric: Array | None = None) -> tuple[Array, float]:
+    def truncated_jacobian(
+        self, S_m: Array, S_s: Array, metric: Array | None = None
+    ) -> tuple[Array, float]:
         """J and its size as `measured`, without what counts as lost for S_m v and S_s v.
 
         :data:`RANK_TOLERANCE` parts what counts of it from what does not, weighed with a metric
         (k, m1) of v_m.
         """
         task = self.major(S_m, S_s)
-        J, scale = task.handed_on(self.J, self.scale, self.constraint, metric)
+        J, scale = task.truncated(self.J, self.scale, self.constraint, metric)
         return self._in_rates(J, float(scale))
 
     def _in_rates(self, J: Array, scale: float) -> tuple[Array, float]:
         unit = self.common_unit
         return (J, scale) if unit == 1.0 else (read_only(J / unit), scale / unit)
 
-    def holds(self, S_m: Array) -> bool:
+    def determines(self, S_m: Array) -> bool:
         """Whether no self-motion moves the task S_m v."""
         return not self.motion.free.shape[1] or not self.major(S_m).moved.rank
 
     @property
-    def clear(self) -> float:
+    def threshold(self) -> float:
         """Part of `scale` above which a singular value of J is clearly not zero."""
         geometry, motion = self.system.geometry, self.motion
-        return clear_of_errors(geometry, self.scale, motion.gain, motion.closing)
+        return task_threshold(geometry, self.scale, motion.gain, motion.closing)
 
     def measure(self, S_m: Array) -> Measure:
         """Natural units of v_m = S_m v and of the rates."""

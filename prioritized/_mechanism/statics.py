@@ -11,8 +11,8 @@ from prioritized._mechanism.elimination import Partition, PassiveMotion
 
 def internal_rows(system: Partition, motion: PassiveMotion) -> Array:
     """Rows that span the left null space of [J_Cp; E], eq. (13), shape (r, c + s)."""
-    left = motion.left_null  # the reactions of stuck joints balance it
-    return np.hstack([left, -left @ system.J_C[:, system.joints.stuck]])
+    null = motion.left_null  # the reactions of stuck joints balance it
+    return np.hstack([null, -null @ system.J_C[:, system.joints.stuck]])
 
 
 def constraint_gain(system: Partition, motion: PassiveMotion, internal_force: Array) -> Array:

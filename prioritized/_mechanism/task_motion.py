@@ -79,22 +79,22 @@ class TaskMotion:
         return self._error(self.velocities)
 
     @cached_property
-    def reach(self) -> RankedSvd:
+    def decision(self) -> RankedSvd:
         """Of J."""
-        return self.decided(self.J, self.scale(None), self.error)
+        return self.decide(self.J, self.scale(None), self.error)
 
     @cached_property
     def moved(self) -> RankedSvd:
         """Of the task motion with every active joint locked."""
-        return self.decided(self.still, self.geometry.size, self.still_error)
+        return self.decide(self.self_motion_task, self.geometry.size, self.self_motion_error)
 
     @cached_property
-    def still(self) -> Array:
+    def self_motion_task(self) -> Array:
         """Task motion per self-motion, shape (..., m, .)."""
         return self.geometry.task @ self.self_motion
 
     @cached_property
-    def still_error(self) -> Array | None:
+    def self_motion_error(self) -> Array | None:
         """Bound of its error."""
         return self._error(self.self_motion) if self.self_motion.shape[-1] else None
 
@@ -109,17 +109,19 @@ class TaskMotion:
         return self.geometry.velocity_units[self.actuated]
 
     @cached_property
-    def start(self) -> "Before":
+    def start(self) -> "RemainingMotion":
         """Before any step: all admissible rates are free."""
         nothing = np.zeros((*self.velocities.shape[:-2], len(self.actuated), 0))
-        return Before(self.admissible, nothing, None if self.error is None else transposed(nothing))
+        return RemainingMotion(
+            self.admissible, nothing, None if self.error is None else transposed(nothing)
+        )
 
     def step(self, S: Array) -> "Step":
         """The rows S J, S (k, m) in natural units."""
         error = None if self.error is None else np.abs(S) @ self.error
         return Step(S @ self.J, frobenius(S) * self.size(S), error)
 
-    def decided(self, A: Array, scale: Array | float, error: Array | None) -> RankedSvd:
+    def decide(self, A: Array, scale: Array | float, error: Array | None) -> RankedSvd:
         """The rank decision on a product of this size, with the whole bases."""
         return ranked_svd(A, scale, self.geometry.rank_tolerance, full=True, error=error)
 
@@ -158,7 +160,7 @@ class Step(NamedTuple):
     error: Array | None
 
 
-class Before(NamedTuple):
+class RemainingMotion(NamedTuple):
     """What earlier steps leave, and how far off their rows may be.
 
     Attributes:
@@ -171,35 +173,37 @@ class Before(NamedTuple):
     gain: Array
     error: Array | None
 
-    def then(self, task: TaskMotion, step: Step) -> tuple[RankedSvd, "Before"]:
+    def then(self, task: TaskMotion, step: Step) -> tuple[RankedSvd, "RemainingMotion"]:
         """The rank decision on further rows with these at rest, and what both leave."""
         N, error = self.free, step.error
         moved = step.A @ self.gain
         if error is not None and self.error is not None:
             # As the null space turns, so does what the further rows see of it.
             error = (error + np.abs(moved) @ self.error) @ np.abs(N)
-        decided = task.decided(step.A @ N, step.scale, error)
-        own = N @ decided.pseudo_inverse()
-        gain = np.concatenate([self.gain - own @ moved, own], axis=-1)
+        svd = task.decide(step.A @ N, step.scale, error)
+        inverse = N @ svd.pseudo_inverse()
+        gain = np.concatenate([self.gain - inverse @ moved, inverse], axis=-1)
         rows = None
         if step.error is not None and self.error is not None:
             rows = np.concatenate([self.error, step.error], axis=-2)
-        return decided, Before(N @ null_of(decided), gain, rows)
+        return svd, RemainingMotion(N @ null_of(svd), gain, rows)
 
-    def lost(self, decided: RankedSvd, A: Array) -> Array | None:
+    def negligible(self, decision: RankedSvd, A: Array) -> Array | None:
         """What further rows A (..., k, n) have that counts as zero, (..., k, n).
 
         None where that is round-off. A are the rows that are handed on: badly conditioned loops
         leave others of them than those that were decided on.
         """
-        is_more = (~decided.kept & (decided.sigma > decided.round_off)).any(axis=-1, keepdims=True)
+        is_more = (~decision.significant & (decision.sigma > decision.round_off)).any(
+            axis=-1, keepdims=True
+        )
         if not is_more.any():
             return None
         U, sigma, Vt = np.linalg.svd(A @ self.free, full_matrices=False)
-        part = (U * np.where(~decided.kept & is_more, sigma, 0.0)[..., None, :]) @ Vt
+        part = (U * np.where(~decision.significant & is_more, sigma, 0.0)[..., None, :]) @ Vt
         return part @ transposed(self.free)
 
 
-def null_of(decided: RankedSvd) -> Array:
+def null_of(svd: RankedSvd) -> Array:
     """Of one matrix a basis of its null space, of many the projectors."""
-    return decided.null if decided.sigma.ndim == 1 else decided.null_projector()
+    return svd.null if svd.sigma.ndim == 1 else svd.null_projector()

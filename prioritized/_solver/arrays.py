@@ -54,10 +54,10 @@ def times(A: Array, x: Array) -> Array:
     return (A @ x[..., None])[..., 0]
 
 
-def beside(*vectors: Array) -> Array:
+def concatenated(*vectors: Array) -> Array:
     """Vectors (..., i), (..., j) as one (..., i + j), leading axes broadcast."""
-    lead = np.broadcast_shapes(*(each.shape[:-1] for each in vectors))
-    wide = [np.broadcast_to(each, (*lead, each.shape[-1])) for each in vectors]
+    lead = np.broadcast_shapes(*(vector.shape[:-1] for vector in vectors))
+    wide = [np.broadcast_to(vector, (*lead, vector.shape[-1])) for vector in vectors]
     return np.concatenate(wide, axis=-1)
 
 
@@ -70,7 +70,7 @@ def joined(lead: tuple[int, ...], required: str, **inputs: tuple[ArrayLike | Non
         for name, (value, size) in inputs.items()
     }
     check.common_axes({"the mapping": lead, **{name: v.shape[:-1] for name, v in given.items()}})
-    return beside(np.zeros((*lead, 0)), *given.values())
+    return concatenated(np.zeros((*lead, 0)), *given.values())
 
 
 def on_axes(A: Array, lead: tuple[int, ...]) -> Array:

@@ -34,9 +34,9 @@ def canonical_basis(basis: ArrayLike) -> Array:
 
 def canonical(basis: Array) -> Array:
     """The same without checks, for every tick."""
-    made = np.zeros(basis.shape)
-    if made.size:
-        (N, k), rest = basis.shape[-2:], np.array(basis, order="C")
-        given = pointer(rest), pointer(made), pointer(np.empty(k))
-        lib.canonical_bases(made.size // (N * k), N, k, *given)
-    return made
+    result = np.zeros(basis.shape)
+    if result.size:
+        (N, k), remaining = basis.shape[-2:], np.array(basis, order="C")
+        arguments = pointer(remaining), pointer(result), pointer(np.empty(k))
+        lib.canonical_bases(result.size // (N * k), N, k, *arguments)
+    return result

@@ -40,5 +40,5 @@ def plain_limits(value: Any, n: int) -> Array | None:
         return None
     both = np.empty((2, n))
     low, high = np.ascontiguousarray(lower), np.ascontiguousarray(upper)
-    given = pointer(low), pointer(high), pointer(both)
-    return both if lib.copy_limits(n, *given) else None
+    arguments = pointer(low), pointer(high), pointer(both)
+    return both if lib.copy_limits(n, *arguments) else None

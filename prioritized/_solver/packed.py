@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from argument_checks import Array, Mask
 from argument_checks.ties import ACCURACY, exceeds
 from kernels import Struct, ffi, lib, pointer
-from prioritized._solver.arrays import beside, none, read_only, times
+from prioritized._solver.arrays import concatenated, none, read_only, times
 from prioritized._solver.limits import Limits
 from prioritized._solver.rank import ROUND_OFF, frobenius, norm
 
@@ -41,7 +41,7 @@ class Packed(NamedTuple):
     scales: Array | None
     tolerance: float
     box: Array
-    own: int
+    unknowns: int
     damping: tuple[float, ...] = ()
 
     @property
@@ -54,7 +54,7 @@ class Packed(NamedTuple):
         """Likewise."""
         return self.box[:, 1]
 
-    def rest(self, x: Array) -> Array:
+    def residual(self, x: Array) -> Array:
         """What each row lacks, b - A x, shape (B, k)."""
         return self.b - times(self.A, x)
 
@@ -66,12 +66,12 @@ class Packed(NamedTuple):
         return np.stack([frobenius(part) for part in parts], axis=1)
 
     @property
-    def _size_asked(self) -> Array:
+    def _target_size(self) -> Array:
         """Size of the x that any level asks for, (B,)."""
         parts = np.split(self.b, self.ends[:-1], axis=1)
-        asked = np.stack([np.linalg.norm(part, axis=1) for part in parts], axis=1)
+        norms = np.stack([np.linalg.norm(part, axis=1) for part in parts], axis=1)
         sizes = self._sizes
-        size = np.divide(asked, sizes, out=np.zeros_like(asked), where=sizes > 0.0)
+        size = np.divide(norms, sizes, out=np.zeros_like(norms), where=sizes > 0.0)
         return size.max(axis=1)
 
     def at_bounds(self, x: Array) -> NDArray[np.int8]:
@@ -80,30 +80,30 @@ class Packed(NamedTuple):
         By the values: which of several bounds that are reached at once a solver counts as active
         depends on round-off.
         """
-        asked = self._size_asked[:, None] * ACCURACY
-        at_lower = ~exceeds(x, self.lower, zero=asked)
-        at_upper = ~exceeds(self.upper, x, zero=asked)
+        zero = self._target_size[:, None] * ACCURACY
+        at_lower = ~exceeds(x, self.lower, zero=zero)
+        at_upper = ~exceeds(self.upper, x, zero=zero)
         nearer = at_lower & ~(at_upper & (self.upper - x < x - self.lower))
         return np.where(nearer, -1, at_upper).astype(np.int8)
 
-    def level(self, k: int, x: Array) -> Array:
+    def level_residual(self, k: int, x: Array) -> Array:
         """The same of one level, (B, .)."""
         first = self.ends[k - 1] if k else 0
-        return self.rest(x)[:, first : self.ends[k]]
+        return self.residual(x)[:, first : self.ends[k]]
 
-    def unmet(self, levels: slice, x: Array) -> Mask:
+    def is_violated(self, levels: slice, x: Array) -> Mask:
         """Whether these levels lack more than round-off, (B,)."""
         first = 0 if not levels.start else self.ends[levels.start - 1]
         rows = slice(first, self.ends[levels.stop - 1])
-        rest = self.rest(x)[:, rows]
-        A, reach = np.abs(self.A[:, rows]), np.maximum(np.abs(self.lower), np.abs(self.upper))
+        residual = self.residual(x)[:, rows]
+        A, largest = np.abs(self.A[:, rows]), np.maximum(np.abs(self.lower), np.abs(self.upper))
         terms = times(A, np.abs(x)) + np.abs(self.b[:, rows])
         # Where only zero is feasible, x is what the limits leave of round-off.
-        left = 10.0 * ROUND_OFF * times(A, np.where(np.isfinite(reach), reach, 0.0))
+        tiny = 10.0 * ROUND_OFF * times(A, np.where(np.isfinite(largest), largest, 0.0))
         # Of the size of what any level asks for, x has round-off even where it is zero.
-        round_off = self._size_asked * self._sizes[:, levels].max(axis=1)
+        round_off = self._target_size * self._sizes[:, levels].max(axis=1)
         allowed = self.tolerance * (np.linalg.norm(terms, axis=-1) + round_off)
-        return np.linalg.norm(rest, axis=-1) > allowed + np.linalg.norm(left, axis=-1)
+        return np.linalg.norm(residual, axis=-1) > allowed + np.linalg.norm(tiny, axis=-1)
 
 
 class Point(NamedTuple):
@@ -131,7 +131,7 @@ class Point(NamedTuple):
         return self.report[:, 1] > 0.0
 
     @property
-    def is_refused(self) -> bool:
+    def is_invalid(self) -> bool:
         """Whether a number of the first problem is not finite or too large."""
         return bool(self.report[0, 1] < 0.0)
 
@@ -153,15 +153,15 @@ def solve(packed: Packed, start: Point | None = None, most_steps: int | None = N
     warm = start is not None and start.x.shape == (count, n)
     x = start.x.copy() if start and warm else np.empty((count, n))
     active = start.active.copy() if start and warm else np.empty((count, n), _INT8)
-    each = count, len(packed.A), len(packed.box), warm, most_steps, packed.tolerance
-    problem, room = _shape(n, packed.ends, packed.own, packed.damping, each)
+    batch = count, len(packed.A), len(packed.box), warm, most_steps, packed.tolerance
+    problem, workspace = _shape(n, packed.ends, packed.unknowns, packed.damping, batch)
     report, scales = np.empty((count, 4)), packed.scales
     sizes = ffi.NULL if scales is None else pointer(scales)
-    wanted = ffi.NULL if packed.own == n else pointer(np.zeros((count, n)))
-    given = pointer(packed.A), pointer(packed.b), sizes, pointer(packed.box), wanted
-    work = ffi.NULL if room <= lib.OWN_ROOM else pointer(np.empty(room))
-    made = work, pointer(x), pointer(active), pointer(report)
-    lib.lexicographic_solve(problem.pointer, *given, *made, ffi.NULL)
+    desired = ffi.NULL if packed.unknowns == n else pointer(np.zeros((count, n)))
+    inputs = pointer(packed.A), pointer(packed.b), sizes, pointer(packed.box), desired
+    work = ffi.NULL if workspace <= lib.OWN_ROOM else pointer(np.empty(workspace))
+    outputs = work, pointer(x), pointer(active), pointer(report)
+    lib.lexicographic_solve(problem.pointer, *inputs, *outputs, ffi.NULL)
     return Point(read_only(x), active, read_only(report))
 
 
@@ -181,12 +181,12 @@ def solved(packed: Packed, start: Point | None = None, most_steps: int | None = 
 def _shape(
     n: int,
     ends: tuple[int, ...],
-    own: int,
+    unknowns: int,
     damping: tuple[float, ...],
-    each: tuple[int, int, int, bool, int | None, float],
+    batch: tuple[int, int, int, bool, int | None, float],
 ) -> tuple[Struct, int]:
     """Problems of one shape as the kernel takes them, and the room that it needs."""
-    count, matrices, bounds, warm, most_steps, tolerance = each
+    count, matrices, bounds, warm, most_steps, tolerance = batch
     problem = Struct(
         "lexicographic_problem",
         count=count,
@@ -199,7 +199,7 @@ def _shape(
         tolerance=tolerance,
         ends=np.array(ends, np.int32),
         damping=np.array(damping) if any(damping) else None,
-        weight=None if own == n else np.append(np.ones(own), np.zeros(n - own)),
+        weight=None if unknowns == n else np.append(np.ones(unknowns), np.zeros(n - unknowns)),
     )
     return problem, lib.lexicographic_room(problem.pointer)
 
@@ -241,30 +241,32 @@ def pack(levels: Sequence[Equations | Rows], box: Limits, tolerance: float) -> P
     over |g|: its residual is what g x lacks to lie between them.
     """
     n, blocks, slacks, (low, high), damping = box[0].shape[-1], [], 0, box, []
-    for each in levels:
-        damping.append(0.0 if isinstance(each, Rows) else each.damping)
-        if isinstance(each, Rows):
-            squares = (each.G**2).sum(axis=-1)
+    for level in levels:
+        damping.append(0.0 if isinstance(level, Rows) else level.damping)
+        if isinstance(level, Rows):
+            squares = (level.G**2).sum(axis=-1)
             size = np.sqrt(squares.max(axis=tuple(range(squares.ndim - 1)), initial=0.0))
             size[size == 0.0] = 1.0
-            lower, upper = each.limits
-            low, high = beside(low, lower / size), beside(high, upper / size)
-            blocks.append((each.G, np.zeros(each.G.shape[:-1]), frobenius(each.G), slacks, size))
+            lower, upper = level.limits
+            low, high = concatenated(low, lower / size), concatenated(high, upper / size)
+            blocks.append((level.G, np.zeros(level.G.shape[:-1]), frobenius(level.G), slacks, size))
             slacks += len(size)
         else:
-            blocks.append((*each[:3], 0, ()))
+            blocks.append((*level[:3], 0, ()))
     vectors = [low, high, *(b for _, b, *_ in blocks)]
     matrices = (A.shape[:-2] for A, *_ in blocks)
-    lead = np.broadcast_shapes(*matrices, *(each.shape[:-1] for each in vectors))
+    lead = np.broadcast_shapes(*matrices, *(vector.shape[:-1] for vector in vectors))
     ends = ends_of(*(A.shape[-2] for A, *_ in blocks))
     A, b = np.zeros((*lead, ends[-1], n + slacks)), np.zeros((*lead, ends[-1]))
     scales = np.zeros((*lead, len(blocks)))
     for k, (rows, target, scale, slack, size) in enumerate(blocks):
         first = ends[k] - rows.shape[-2]
         A[..., first : ends[k], :n], b[..., first : ends[k]], scales[..., k] = rows, target, scale
-        for i, one in enumerate(size):
-            A[..., first + i, n + slack + i] = -one
+        for i, norm_of_row in enumerate(size):
+            A[..., first + i, n + slack + i] = -norm_of_row
     both = np.stack(np.broadcast_arrays(low, high), axis=-2)
     box = np.ascontiguousarray(both.reshape(prod(both.shape[:-2]), *both.shape[-2:]))
-    A, b, scales = (each.reshape(prod(lead), *each.shape[len(lead) :]) for each in (A, b, scales))
+    A, b, scales = (
+        array.reshape(prod(lead), *array.shape[len(lead) :]) for array in (A, b, scales)
+    )
     return Packed(A, b, ends, scales, tolerance, box, n, tuple(damping))

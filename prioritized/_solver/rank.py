@@ -38,13 +38,13 @@ class RankedSvd:
     sigma: Array
     Vt: Array
     threshold: Array
-    kept: Mask
+    significant: Mask
     round_off: Array
 
     @property
     def rank(self) -> Indices:
         """Number of singular values that count, shape (...)."""
-        return self.kept.sum(axis=-1)
+        return self.significant.sum(axis=-1)
 
     @property
     def gap(self) -> Array:
@@ -54,7 +54,7 @@ class RankedSvd:
         """
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             ratio = self.sigma / self.threshold
-            ratio = np.where(self.kept, ratio, 1.0 / ratio)
+            ratio = np.where(self.significant, ratio, 1.0 / ratio)
         return np.min(np.where(np.isnan(ratio), np.inf, ratio), axis=-1, initial=np.inf)
 
     @property
@@ -65,7 +65,7 @@ class RankedSvd:
         """
         with np.errstate(divide="ignore"):
             ratio = self.threshold / (ERROR_MARGIN * self.sigma)
-        return float(np.max(ratio, initial=0.0, where=self.kept))
+        return float(np.max(ratio, initial=0.0, where=self.significant))
 
     def pseudo_inverse(self, damping: float = 0.0) -> Array:
         """Moore-Penrose inverse on the decided rank, shape (..., n, m).
@@ -74,7 +74,7 @@ class RankedSvd:
         """
         reciprocal = np.zeros_like(self.sigma)
         # Divided twice: sigma^2 of a tiny sigma would underflow.
-        np.divide(1.0, self.sigma, out=reciprocal, where=self.kept)
+        np.divide(1.0, self.sigma, out=reciprocal, where=self.significant)
         if damping:
             reciprocal /= 1.0 + (damping * reciprocal) ** 2
         k = self.sigma.shape[-1]
@@ -89,7 +89,9 @@ class RankedSvd:
     def null_projector(self) -> Array:
         """Orthogonal projector onto the null space of A, shape (..., n, n)."""
         Vt = self.Vt[..., : self.sigma.shape[-1], :]
-        return np.eye(Vt.shape[-1]) - (np.swapaxes(Vt, -1, -2) * self.kept[..., None, :]) @ Vt
+        return (
+            np.eye(Vt.shape[-1]) - (np.swapaxes(Vt, -1, -2) * self.significant[..., None, :]) @ Vt
+        )
 
 
 def norm(A: Array) -> float:
@@ -174,20 +176,20 @@ def ranked_svd(
     of_left = np.swapaxes(np.abs(U[..., :k]), -1, -2) @ error
     explained = ERROR_MARGIN * (of_left * np.abs(Vt[..., :k, :])).sum(axis=-1)
     threshold = np.maximum(threshold, explained)
-    return _kept_first(RankedSvd(U, sigma, Vt, threshold, sigma > threshold, round_off))
+    return _significant_first(RankedSvd(U, sigma, Vt, threshold, sigma > threshold, round_off))
 
 
-def _kept_first(svd: RankedSvd) -> RankedSvd:
+def _significant_first(svd: RankedSvd) -> RankedSvd:
     """The same with the singular values that count before those that do not."""
-    U, sigma, Vt, threshold, kept, round_off = vars(svd).values()
-    if not (kept[..., 1:] & ~kept[..., :-1]).any():
+    U, sigma, Vt, threshold, significant, round_off = vars(svd).values()
+    if not (significant[..., 1:] & ~significant[..., :-1]).any():
         return svd
-    order = np.argsort(~kept, axis=-1, kind="stable")  # noqa: TID251 - truth values
+    order = np.argsort(~significant, axis=-1, kind="stable")  # noqa: TID251 - truth values
     k = sigma.shape[-1]
     U, Vt = np.array(U), np.array(Vt)
     U[..., :k] = np.take_along_axis(U[..., :k], order[..., None, :], axis=-1)
     Vt[..., :k, :] = np.take_along_axis(Vt[..., :k, :], order[..., :, None], axis=-2)
-    sigma, threshold, kept = (
-        np.take_along_axis(each, order, axis=-1) for each in (sigma, threshold, kept)
+    sigma, threshold, significant = (
+        np.take_along_axis(array, order, axis=-1) for array in (sigma, threshold, significant)
     )
-    return RankedSvd(U, sigma, Vt, threshold, kept, round_off)
+    return RankedSvd(U, sigma, Vt, threshold, significant, round_off)

@@ -74,7 +74,7 @@ class Loops:
 
     def holding(self, fixed: Hold) -> "Loops":
         """The same loops, where the same drives and frames are to be elsewhere."""
-        return check.made(Loops, **vars(self) | {"fixed": fixed})
+        return check.unchecked_record(Loops, **vars(self) | {"fixed": fixed})
 
     def largest_gap(self, data: mujoco.MjData) -> tuple[float, str]:
         """How large the largest gap is, and whose, in words; of what MuJoCo last computed."""

@@ -399,7 +399,7 @@ class JacobianReader:
 
     def at(self, data: mujoco.MjData) -> Jacobians:
         """The Jacobians at the present `data.qpos`, as :func:`jacobians` returns them."""
-        return check.made(Jacobians, **self.fields_at(data))
+        return check.unchecked_record(Jacobians, **self.fields_at(data))
 
     def fields_at(self, data: mujoco.MjData) -> dict[str, Any]:
         """Fields of :meth:`at`, for a record that has more."""
@@ -444,7 +444,7 @@ class JacobianReader:
         # Rows of what is stretched are zero here, and elsewhere are not.
         if self._resting(now, data) and (resting := self._resting(now, _elsewhere(model, data))):
             raise ModelError(
-                f"no actuator moves {check.shown(resting[0])}: name another task, what its "
+                f"no actuator moves {check.short_repr(resting[0])}: name another task, what its "
                 "mechanism stands on in pinned=, or joints that are variables in active="
             )
         return now

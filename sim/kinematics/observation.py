@@ -102,7 +102,7 @@ class Observer:
         """The motion of the task frame in base axes, R_now R_nominal^T, and of the drives, (n,)."""
         principal(lib.observe(self._log.pointer, 0, ffi.NULL, ffi.NULL, 0), self._task)
         seen = check.read_only(self._seen.copy())
-        pose = check.made(
+        pose = check.unchecked_record(
             Pose,
             rotation=seen[:9].reshape(3, 3),
             translation_m=seen[9:12],

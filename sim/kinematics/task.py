@@ -162,7 +162,7 @@ def _weight(name: str, value: ArrayLike | None) -> Array | None:
         return None
     weight = check.frozen(check.array(name, value, least=0.0))
     if weight.ndim > 1:
-        raise ValueError(f"{name} must be one number or (k,), got {check.shown(value)}")
+        raise ValueError(f"{name} must be one number or (k,), got {check.short_repr(value)}")
     return weight
 
 
@@ -328,7 +328,7 @@ def located_tasks(
         raise ValueError("site must name a task at least, got none")
     found = {task: located_task(model, task, axes) for task in tasks}
     if len(found) < len(tasks):
-        raise ValueError(f"site must not repeat a task, got {check.shown(tasks)}")
+        raise ValueError(f"site must not repeat a task, got {check.short_repr(tasks)}")
     return found
 
 
@@ -380,7 +380,7 @@ def pose_error(
     seen_from, tasks = _motions(model, data, site, axes)
     targets: Any = target if isinstance(site, list | tuple) else [target]
     if not isinstance(targets, list | tuple | np.ndarray) or len(targets) != len(tasks):
-        raise ValueError(f"target must be a list of {len(tasks)}, got {check.shown(target)}")
+        raise ValueError(f"target must be a list of {len(tasks)}, got {check.short_repr(target)}")
     ways = []
     for task, given in zip(tasks, targets, strict=True):
         ways.append(task.way(data, target_pose("target", given), seen_from))
@@ -399,7 +399,9 @@ def _motions(
     found = list[Motion]()
     for task, rows in located_tasks(model, site, in_axes).items():
         if not isinstance(rows, Motion):
-            raise TypeError(f"site must be a frame or a centre of mass, got {check.shown(task)}")
+            raise TypeError(
+                f"site must be a frame or a centre of mass, got {check.short_repr(task)}"
+            )
         found.append(rows)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)

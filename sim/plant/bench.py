@@ -300,7 +300,7 @@ def hooks_of(events: object) -> list[Any]:
     hooks = {name: getattr(events, name, None) for name in takes}
     given = {name: hook for name, hook in hooks.items() if hook is not None}
     if not given:
-        raise TypeError("events must have plant, measured or sent, got " + check.shown(events))
+        raise TypeError("events must have plant, measured or sent, got " + check.short_repr(events))
     for name, hook in given.items():
         with suppress(ValueError):  # of compiled functions nothing is known
             of = signature(check.function(f"events.{name}", hook))

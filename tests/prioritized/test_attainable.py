@@ -181,7 +181,7 @@ def test_the_speed_of_an_arm_falls_to_zero_as_it_stretches_out(exponent):
     np.testing.assert_allclose(a.radius, np.sin(bend) / np.linalg.norm(tip), rtol=1e-5)
     assert len(a.vertices) == 4 or bend < 1e-8
     straight = ConstrainedSystem([[0, 0], [2, 1]], None, [0, 1]).kinematics()
-    assert straight.attainable([0, 1], (-1, 1)).status is AttainableStatus.OUT_OF_REACH
+    assert straight.attainable([0, 1], (-1, 1)).status is AttainableStatus.UNREACHABLE
 
 
 @given(st.floats(-8.5, -1.0))
@@ -202,13 +202,13 @@ def test_the_status_says_why_the_radius_is_zero():
     """Out of reach, no room about zero, a contradiction, or a task that moves by itself."""
     status, kin, pair = AttainableStatus, arm().kinematics(), geared().kinematics()
     locked = kin.attainable([0, 1], ([-1, 0], [1, 0]))
-    assert_set(locked, status.OUT_OF_REACH, 0.0, 1.0, [1, 5])
+    assert_set(locked, status.UNREACHABLE, 0.0, 1.0, [1, 5])
     np.testing.assert_allclose(sorted(locked.vertices.tolist()), [[-1, 0], [1, 0]], atol=1e-12)
     assert_set(kin.attainable([0, 1], (0, 1)), status.NOT_INTERIOR, 0.0, 2.0, [1, 1])
     assert_set(kin.attainable([0, 1], (1, 2)), status.NOT_INTERIOR, 0.0, -2.0, [-1, -1])
     assert_set(pair.attainable([0], (1, 2)), status.EMPTY, 0.0, -np.inf)
     assert_set(pair.attainable([0], ([1, 1], [1, 1])), status.EMPTY, 0.0, -np.inf)
-    assert_set(pair.attainable([0], ([1, -1], [1, -1])), status.OUT_OF_REACH, 0.0, 1.0)
+    assert_set(pair.attainable([0], ([1, -1], [1, -1])), status.UNREACHABLE, 0.0, 1.0)
     # Both may only push, against each other: nothing moves, though each limit alone leaves room.
     assert_set(pair.attainable([0], (0, 1)), status.NOT_INTERIOR, 0.0, 0.0)
     assert len(pair.attainable([0], (1, 2)).vertices) == 0
@@ -218,7 +218,7 @@ def test_the_status_says_why_the_radius_is_zero():
     assert len(flat.vertices) == 0
     loose = ConstrainedSystem([[1.0, 1.0]], None, [0])
     assert_set(loose.kinematics().attainable([0], (-1, 1)), status.SELF_MOTION, 0.0, 1.0)
-    assert_set(loose.kinematics().attainable_force([0], (-1, 1)), status.OUT_OF_REACH, 0.0, 0.0)
+    assert_set(loose.kinematics().attainable_force([0], (-1, 1)), status.UNREACHABLE, 0.0, 0.0)
 
 
 def test_what_the_structure_bears_has_no_limit():

@@ -42,7 +42,7 @@ TRUSTED = {
     *("Postures", "Tick", "VelocityMapping", "VelocitySolution"),
     # what its parts ask of each other, of what was checked
     *("Hierarchy.undamped", "Tick.at", "Tick.limits", "Tick.of_plain", "Tick.at_jacobians"),
-    *("HierarchySolution.in_words", "Tick.of"),
+    *("HierarchySolution.describe", "Tick.of"),
 }
 FOUND = public(prioritized, Postures, one_level, one_target, trusted=TRUSTED)
 
@@ -162,7 +162,7 @@ def room() -> Room:
         | {"self": velocity_mapping(batch, [0, 1], **weighed), "secondary_velocity": np.ones(1)},
         "VelocityMapping.at": {"self": kin.velocity_mapping([0])},
         "VelocityMapping.solve": {"self": within, "start": within.solve(np.ones(2))},
-        "VelocityMapping.within": {"self": within, "rate_limits": (-np.ones(4), 0.2)},
+        "VelocityMapping.with_limits": {"self": within, "rate_limits": (-np.ones(4), 0.2)},
         "force_mapping": no_forces,
         "force_mapping of a batch": {"J": batch, "torque_weight": np.stack([np.eye(4)] * 2)}
         | {"scale": 3.0},

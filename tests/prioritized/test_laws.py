@@ -66,14 +66,16 @@ def test_every_way_to_the_rates_gives_the_same(data, drawn, size):
     ways: dict[str, Any] = {
         "called": made,
         "called with lists": lambda *aims: made(*(aim.tolist() for aim in aims)),
-        "within": free.within(own),
+        "within": free.with_limits(own),
         "from another pose": moved,
         "from other limits there": before.at(kin, rate_limits=box),
         "lists from another pose": lambda *aims: moved(*(aim.tolist() for aim in aims)),
         "targets from another pose": lambda *aims: moved(*(np.stack([a, -a]) for a in aims))[0],
         "solved from another pose": lambda *aims: moved.solve(*aims).rates,
         "one of a batch of postures": lambda *aims: (
-            there.postures(there.J_T[None]).velocity_mapping(major, None, *W).within(own)(*aims)[0]
+            there.postures(there.J_T[None])
+            .velocity_mapping(major, None, *W)
+            .with_limits(own)(*aims)[0]
         ),
         "one of a batch of targets": lambda *aims: made(*(np.stack([a, -a]) for a in aims))[0],
     }

@@ -15,7 +15,7 @@ FLAGS = {
     "unstable",
     "unstable_major",
     "unstable_secondary",
-    "idle",
+    "unobservable",
     "irresolvable",
     "constrained_active",
 }
@@ -37,7 +37,7 @@ HALF = np.sqrt(0.5)
     ("J_T", "J_C", "active", "flags", "name", "basis"),
     [
         # A rod between two ball joints: its two spins agree, and nothing else takes part.
-        ([[1, 0, 0]], [[0, 1, -1]], [0], {"idle"}, "idle", [[HALF], [HALF]]),
+        ([[1, 0, 0]], [[0, 1, -1]], [0], {"unobservable"}, "unobservable", [[HALF], [HALF]]),
         # A door with two hinges on one axis: how they share the load is open, no rate is forbidden.
         ([[0, 1]], [[1, -1], [1, -1]], [0], {"irresolvable"}, "irresolvable", [[HALF, HALF]]),
         # Two motors geared one to two: torques along (2, -1) only squeeze.
@@ -61,7 +61,7 @@ def test_every_drawn_rank_is_found_again(drawn):
     m, n = len(drawn.system.J_T), len(drawn.system.active)
     bases = drawn.system.kinematics().manipulability(list(range(m))).bases
     assert bases["unstable"].shape == bases["unstable_major"].shape == (m, drawn.self_motion)
-    assert bases["idle"].shape[1] == drawn.idle
+    assert bases["unobservable"].shape[1] == drawn.idle
     assert bases["irresolvable"].shape == (drawn.internal, len(drawn.system.J_C))
     assert bases["constrained_active"].shape == (drawn.bound, n)
     assert bases["unmanipulable"].shape == bases["unmanipulable_task"].shape == (m, m - drawn.reach)
@@ -94,7 +94,7 @@ def test_every_basis_proves_its_verdict(data, drawn):
         "unstable": moved,
         "unstable_major": moved[major],
         "unstable_secondary": J_T @ still,
-        "idle": (loose @ spaces.null(moved))[kin.passive],
+        "unobservable": (loose @ spaces.null(moved))[kin.passive],
     }
     for name, made in expected.items():
         spaces.assert_spans(bases[name], made)
@@ -127,4 +127,4 @@ def test_the_gap_of_what_springs_hold_is_theirs():
     report = system.kinematics().manipulability([0])
     assert not report.unstable
     assert report.gaps["unstable"] == pytest.approx(3.0)
-    assert report.gaps["idle"] == pytest.approx(3.0)
+    assert report.gaps["unobservable"] == pytest.approx(3.0)

@@ -98,7 +98,7 @@ def test_sentences_name_the_joints_concerned():
     report = of(joints, (("m",), (), ()), J_C).kinematics().manipulability([0])
     sentences = {name: finding.sentence for name, finding in report.findings.items()}
     assert "(of hip, knee)" in sentences["constrained_active"]
-    assert "(of ball, socket)" in sentences["idle"]
+    assert "(of ball, socket)" in sentences["unobservable"]
     without = ConstrainedSystem(np.eye(1, 5), J_C, [0, 1, 2]).kinematics().manipulability([0])
     assert "(" not in str(without)
     assert report.gaps == without.gaps
@@ -109,7 +109,9 @@ def test_sentences_name_the_joints_concerned():
     # A cable called "hip" like the joint is its motor m1, also after a failure of the joint.
     meshed = of(("hip", "hip", "rod"), (("m0",), ("m1",)), [[0.0, 1.0, -2.0]])
     failed = meshed.with_failures(locked=["m0"], free=["m1"])
-    assert "(of m1, rod)" in failed.kinematics().manipulability([0]).findings["idle"].sentence
+    assert (
+        "(of m1, rod)" in failed.kinematics().manipulability([0]).findings["unobservable"].sentence
+    )
 
 
 @given(st.data())

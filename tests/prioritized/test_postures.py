@@ -68,12 +68,12 @@ def test_the_mapping_of_every_posture_is_that_it_has_alone(data, drawn, box):
     postures = system.postures(J_T, J_C)
     together, *alone = (
         kin.velocity_mapping(major, rest, joint_weight=W1, secondary_weight=W2)
-        for kin in (postures, *postures.each)
+        for kin in (postures, *postures.kinematics)
     )
     assert together.rank.tolist() == [int(one.rank) for one in alone]
     assert together.status is next(s for s in WORST if s in [one.status for one in alone])
     if box is not None:
-        together, *alone = (mapping.within(box) for mapping in (together, *alone))
+        together, *alone = (mapping.with_limits(box) for mapping in (together, *alone))
     inputs = [of.rng.normal(size=(4, k)) for k in (len(major), len(postures.actuators), len(rest))]
     expected = [one(*target) for one, *target in zip(alone, *inputs, strict=True)]
     agrees_with(together(*inputs), expected, 1e-6)
@@ -92,7 +92,7 @@ def test_the_axes_of_a_batch_stay(drawn):
     np.testing.assert_array_equal(one.J, flat.J[0])
     np.testing.assert_array_equal(same_loops.J[1], system.at(J_T[1]).kinematics().J)
     np.testing.assert_array_equal(
-        one.velocity_mapping([0]).rank, one.each[0].velocity_mapping([0]).rank
+        one.velocity_mapping([0]).rank, one.kinematics[0].velocity_mapping([0]).rank
     )
 
 

@@ -64,7 +64,7 @@ def test_verdicts_flip_where_singular_values_cross_the_tolerance(seed, nearness,
     loops = np.hstack([np.zeros((2, 1)), weak])
     report = ConstrainedSystem(np.zeros((1, 3)), loops, [0]).kinematics().manipulability([0])
     expect((not report.irresolvable, report.gaps["irresolvable"]), size * small, norm)
-    assert report.idle == report.irresolvable
+    assert report.unobservable == report.irresolvable
 
     # As active columns: a second forbidden rate.
     report = ConstrainedSystem(np.eye(2), weak, [0, 1]).kinematics().manipulability([0])

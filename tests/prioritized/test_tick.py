@@ -43,8 +43,8 @@ class Asked:
         moving = moving[np.isfinite(lower[moving])]
         rows = kin.velocities(np.eye(n)).T[moving], lower[moving], upper[moving]
         box = lower[kin.active], upper[kin.active]
-        asked = self.hierarchy.at(kin, rate_limits=box, rate_rows=rows)
-        solution = asked.solve(self.targets)
+        specs = self.hierarchy.at(kin, rate_limits=box, rate_rows=rows)
+        solution = specs.solve(self.targets)
         assert solution.status in SURE
         expected = kin.velocities(solution.rates)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
@@ -106,9 +106,9 @@ def tied(rng: np.random.Generator, redundant: int) -> ConstrainedSystem:
     return ConstrainedSystem(rng.normal(size=(4, 8)), rows, [3, 4, 5, 6, 7])
 
 
-def ticked(asked, system: ConstrainedSystem, *aims: np.ndarray) -> np.ndarray | None:
+def ticked(specs, system: ConstrainedSystem, *aims: np.ndarray) -> np.ndarray | None:
     """All velocities by the compiled way of a mapping or a hierarchy, or None."""
-    tick = asked.tick(*([system.kinematics()] if isinstance(asked, Hierarchy) else []))
+    tick = specs.tick(*([system.kinematics()] if isinstance(specs, Hierarchy) else []))
     free = np.full(system.J_T.shape[1], np.inf)
     there = system.J_T, system.J_C, np.concatenate(aims), (-free, free)
     return None if tick is None else tick(*there)
@@ -123,10 +123,10 @@ def test_a_tick_is_the_general_way_or_says_nothing(data, drawn: Drawn, nearness,
     J_T[-1] = J_T[0] + 10.0**nearness * rng.normal(size=J_T.shape[1])
     system = data.draw(failures(ConstrainedSystem(J_T, first.J_C, first.active)))
     levels = [each for each in major_and_rest(data, len(J_T)) if each]
-    asked = asked_of(rng, system, levels, size)
-    found = asked.tick()
+    specs = asked_of(rng, system, levels, size)
+    found = specs.tick()
     if found is not None:
-        asked.assert_is(found)
+        specs.assert_is(found)
         assert not found[system.stuck].any()
 
 
@@ -138,11 +138,11 @@ def test_a_tick_answers_where_no_rank_is_in_doubt(size, count):
     for seed in range(count):
         rng = np.random.default_rng(seed)
         system = regular(rng)
-        asked = asked_of(rng, system, in_levels(rng, len(system.J_T)), size)
-        found = asked.tick()
+        specs = asked_of(rng, system, in_levels(rng, len(system.J_T)), size)
+        found = specs.tick()
         if found is not None:
             answered[0] += 1
-            asked.assert_is(found)
+            specs.assert_is(found)
         system = tied(rng, seed % 3)
         mapping = system.kinematics().velocity_mapping([0, 1], [2], np.ones(5), [1.0])
         aims = rng.normal(size=2), rng.normal(size=5), rng.normal(size=1)
@@ -197,12 +197,12 @@ def test_a_body_beside_the_robot_rests_until_the_task_knows_it(seed):
     np.testing.assert_allclose(found[1], np.append(found[0], np.zeros(6)), atol=1e-12)
     tick = beside.kinematics().velocity_mapping([0], joint_weight=np.ones(5)).tick()
     assert tick is not None
-    N, asked = J_T.shape[1], np.concatenate([v, desired])
+    N, specs = J_T.shape[1], np.concatenate([v, desired])
     lower, upper = np.full(N, -np.inf), np.full(N, np.inf)
     lower[-1] = 0.1  # it cannot be that the cube moves
-    assert tick(J_T, J_C, asked, (lower, upper)) is None
+    assert tick(J_T, J_C, specs, (lower, upper)) is None
     J_T[0, -1] = 1.0
-    assert tick(J_T, J_C, asked, (-upper, upper)) is None
+    assert tick(J_T, J_C, specs, (-upper, upper)) is None
 
 
 ARM = ConstrainedSystem([[1.0, 0.5, 0.2], [0.0, 1.0, 0.7]], None, [0, 1, 2])
@@ -263,14 +263,14 @@ def test_levels_of_all_kinds_are_solved_as_in_general(levels, size):
     """Damping, rates before tasks, weights that are small or no diagonal, tasks asked for twice."""
     kin, rng, most = ARM.kinematics(), np.random.default_rng(3), np.full(3, size)
     hierarchy = kin.hierarchy(levels)
-    count = [sum(part.size for part in level) for level in hierarchy.asked.levels]
+    count = [sum(part.size for part in level) for level in hierarchy.specs.levels]
     targets = [rng.normal(size=each) for each in count]
     tick = hierarchy.tick(kin)
     assert tick is not None
     found = tick(ARM.J_T, ARM.J_C, np.concatenate(targets), (-most, most))
     parts = [
         t if len(level) == 1 else np.split(t, np.cumsum([part.size for part in level])[:-1])
-        for t, level in zip(targets, hierarchy.asked.levels, strict=True)
+        for t, level in zip(targets, hierarchy.specs.levels, strict=True)
     ]
     expected = hierarchy.at(kin, rate_limits=(-most, most)).solve(parts).rates
     assert found is not None
@@ -305,8 +305,8 @@ def test_errors_that_could_cost_a_rank_silence_a_tick():
     rounded = ConstrainedSystem(ARM.J_T, None, [0, 1, 2], accuracy=Rounded())
     careful = tick_of(rounded, Task([0, 1]), Task.joints())
     assert tick is not None and careful is not None
-    asked = ARM.J_T, ARM.J_C, np.ones(5), FREELY
-    assert tick(*asked, 1.0) is not None  # it was said to be exact
-    assert careful(*asked, 1e-6) is not None
-    assert careful(*asked, 0.5) is None
-    assert careful(*asked, np.inf) is None
+    specs = ARM.J_T, ARM.J_C, np.ones(5), FREELY
+    assert tick(*specs, 1.0) is not None  # it was said to be exact
+    assert careful(*specs, 1e-6) is not None
+    assert careful(*specs, 0.5) is None
+    assert careful(*specs, np.inf) is None

@@ -13,7 +13,7 @@ from argument_checks import Array, Indices
 from prioritized._mapping.limited import Limiting, checked_rows
 from prioritized._mapping.tasks import Level, Task, level_of, tasks_of
 from prioritized._mechanism.elimination import Joints
-from prioritized._mechanism.ordered import Stacked
+from prioritized._mechanism.ordered import LevelRows
 from prioritized._solver.arrays import none, read_only
 from prioritized._solver.limits import limits
 from prioritized._solver.packed import Equations, equations
@@ -44,8 +44,8 @@ class Survivors(NamedTuple):
 
     def pair(self, value: Any) -> Any:
         """Limits (lower, upper)."""
-        whole = len(self.actuators) == self.n
-        if value is None or whole or not _is_of(value, 2) or check.is_masked(value):
+        all_survive = len(self.actuators) == self.n
+        if value is None or all_survive or not _is_of(value, 2) or check.is_masked(value):
             return value
         return tuple(
             np.asarray(side)[self.actuators] if self._is_wide(side) else side for side in value
@@ -73,7 +73,7 @@ def _is_of(value: Any, size: int) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class LevelSpecs:
     """Levels of tasks, of the actuators of a mechanism that survive.
 
     Attributes:
@@ -93,7 +93,7 @@ class Asked:
     units: tuple[Array, Array]
     levels: tuple[Level, ...]
     damping: tuple[float, ...]
-    stacked: Stacked
+    level_rows: LevelRows
     ties: Equations
 
     @classmethod
@@ -102,44 +102,44 @@ class Asked:
         mechanism: "Kinematics",
         tasks: tuple[tuple[Task, ...], ...],
         tie_metric: ArrayLike | None,
-    ) -> "Asked":
+    ) -> "LevelSpecs":
         """Levels of tasks of a mechanism; see :meth:`Kinematics.hierarchy`."""
         survivors, reduced = mechanism._survivors, mechanism._reduced
         units = reduced.task_units, reduced.rate_units
         levels = tuple(
-            level_of(f"levels[{k}]", tuple(map(survivors.task, each)), *units)
-            for k, each in enumerate(tasks)
+            level_of(f"levels[{k}]", tuple(map(survivors.task, level)), *units)
+            for k, level in enumerate(tasks)
         )
-        given = None if tie_metric is None else check.array("tie_metric", tie_metric, copy=True)
-        T, n = survivors.matrix("tie_metric", given), len(survivors.actuators)
+        metric = None if tie_metric is None else check.array("tie_metric", tie_metric, copy=True)
+        T, n = survivors.matrix("tie_metric", metric), len(survivors.actuators)
         if T is not None:
             T = check.array("tie_metric", check.weight("tie_metric", T, n), None, n) * units[1]
         return cls(
             tasks,
-            given,
+            metric,
             survivors,
             units,
             levels,
-            tuple(max(task.damping for task in each) for each in tasks),
-            Stacked.of([_weighted(level, *units) for level in levels]),
+            tuple(max(task.damping for task in level) for level in tasks),
+            LevelRows.of([_weighted(level, *units) for level in levels]),
             equations(none((0, n)) if T is None else read_only(T)),
         )
 
-    def at(self, mechanism: "Kinematics") -> "Asked":
+    def at(self, mechanism: "Kinematics") -> "LevelSpecs":
         """These levels for the mechanism at another pose, or after other failures."""
         survivors, reduced = mechanism._survivors, mechanism._reduced
         units = reduced.task_units, reduced.rate_units
         if all(map(_equal, (survivors.actuators, *units), (self.survivors.actuators, *self.units))):
             return self
-        return Asked.of(mechanism, self.tasks, self.tie_metric)
+        return LevelSpecs.of(mechanism, self.tasks, self.tie_metric)
 
 
-def asked_of(mechanism: "Kinematics", levels: Any, tie_metric: ArrayLike | None) -> Asked:
+def checked_specs(mechanism: "Kinematics", levels: Any, tie_metric: ArrayLike | None) -> LevelSpecs:
     """Checked levels and metric of ties."""
     if not isinstance(levels, Sequence) or not len(levels):
-        raise ValueError(f"levels must be a list of tasks, got {check.shown(levels)}")
+        raise ValueError(f"levels must be a list of tasks, got {check.short_repr(levels)}")
     tasks = tuple(tasks_of(f"levels[{k}]", level) for k, level in enumerate(levels))
-    return Asked.of(mechanism, tasks, tie_metric)
+    return LevelSpecs.of(mechanism, tasks, tie_metric)
 
 
 def _equal(a: Array | Indices, b: Array | Indices) -> bool:
@@ -168,6 +168,8 @@ class Bounds(NamedTuple):
         rows = checked_rows("rate_rows", survivors.rows("rate_rows", self.rows), n)
         return Limiting(box, (rows,) if len(rows.G) else ())
 
-    def kept(self) -> "Bounds":
+    def copied(self) -> "Bounds":
         """A copy of checked ones."""
-        return Bounds(*(None if each is None else tuple(map(check.frozen, each)) for each in self))
+        return Bounds(
+            *(None if value is None else tuple(map(check.frozen, value)) for value in self)
+        )
