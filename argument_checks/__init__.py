@@ -1,7 +1,8 @@
-"""Argument checks of all rooms: wrong input raises at once, in one sentence.
+"""Argument checks of all packages: invalid input raises immediately, with a one-sentence message.
 
-It names the argument, what it must be and what came. Every check returns the argument in the form
-that the caller computes with. Made for use as `import argument_checks as check`.
+The message names the argument, the expected value and the given one. Every check returns the
+argument in the form that the caller computes with. Meant for use as `import argument_checks as
+check`.
 """
 
 from argument_checks.arrays import LARGEST as LARGEST
@@ -37,4 +38,4 @@ from argument_checks.values import members as members
 from argument_checks.values import number as number
 
 __version__ = "0.2.0"
-"""The distribution's version, written here alone: this package is below all others."""
+"""Version of the distribution, defined here because this package imports no other."""

@@ -1,4 +1,4 @@
-"""Single numbers and indices, switches, choices by name, and things of a kind."""
+"""Checks of single numbers, indices, flags, choices, types and attributes."""
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -21,12 +21,11 @@ _Kind = TypeVar("_Kind")
 
 DAY_S = 86_400.0
 SECONDS = 1e-9, DAY_S
-"""From where to where a duration goes: what is counted in ticks of one and lasts for the other
-must come to an end."""
+"""Range of durations [s]: a run of the longest duration with the shortest period must terminate."""
 
 
 def number(name: str, value: ArrayLike, least: float = -LARGEST, most: float = LARGEST) -> float:
-    """One finite number from `least` to `most`."""
+    """Check one finite number between `least` and `most`."""
     if type(value) is float and least <= value <= most and abs(value) < LARGEST:
         return value  # the common case
     A = array(name, value)
@@ -42,7 +41,7 @@ def number(name: str, value: ArrayLike, least: float = -LARGEST, most: float = L
 
 
 def integer(name: str, value: Any, size: int | None = None) -> int:
-    """One integer of range(size), or any that is not negative."""
+    """Check an integer of range(size), or any non-negative one if `size` is None."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
         raise ValueError(f"{name} must be an integer, got {short_repr(value)}")
     if value < 0 or (size is not None and value >= size):
@@ -54,7 +53,7 @@ def integer(name: str, value: Any, size: int | None = None) -> int:
 def indices(
     name: str, value: Iterable[int] | ArrayLike, size: int, *, distinct: bool = True
 ) -> Indices:
-    """Integers of range(size), in the order given; distinct, unless repetition does not matter."""
+    """Check integers of range(size), in the given order; distinct unless `distinct` is False."""
     listed = value if isinstance(value, Sequence | np.ndarray) else _listed(value)
     try:
         raw = np.asarray(None if is_masked(listed) else listed)
@@ -72,21 +71,21 @@ def indices(
 
 
 def flag(name: str, value: Any) -> bool:
-    """True or False."""
+    """Check a bool."""
     if not isinstance(value, bool | np.bool_):
         raise TypeError(f"{name} must be True or False, got {short_repr(value)}")
     return bool(value)
 
 
 def choice(name: str, value: Any, options: Iterable[str]) -> str:
-    """One of these words."""
+    """Check that a string is one of the options."""
     if instance(name, value, str) not in (options := tuple(options)):
         raise ValueError(f"{name} must be one of {', '.join(options)}, got {short_repr(value)}")
     return value
 
 
 def instance(name: str, value: Any, *kinds: type[_Kind]) -> _Kind:
-    """The thing itself, if it is of one of these classes."""
+    """Check that a value is an instance of one of the classes, and return it."""
     if not isinstance(value, kinds):
         expected = " or ".join(kind.__name__ for kind in kinds)
         raise TypeError(f"{name} must be a {expected}, got {short_repr(value)}")
@@ -94,7 +93,7 @@ def instance(name: str, value: Any, *kinds: type[_Kind]) -> _Kind:
 
 
 def members(name: str, value: Iterable[_Kind], *kinds: type[_Kind]) -> tuple[_Kind, ...]:
-    """All things of a list, each of one of these classes; a text is no list."""
+    """Check that a list contains instances of these classes only; a string is not a list."""
     items: tuple[Any, ...] = (None,) if isinstance(value, str) else _listed(value)
     if not all(isinstance(item, kinds) for item in items):
         expected = " or ".join(kind.__name__ for kind in kinds)
@@ -103,16 +102,16 @@ def members(name: str, value: Iterable[_Kind], *kinds: type[_Kind]) -> tuple[_Ki
 
 
 def function(name: str, value: Any) -> Any:
-    """The function itself, or whatever can be called."""
+    """Check that a value is callable."""
     if not callable(value):
         raise TypeError(f"{name} must be a function, got {short_repr(value)}")
     return value
 
 
 def attributes(name: str, value: Any, *required: str) -> Any:
-    """The thing itself, which has these attributes or methods.
+    """Check that an object has the required attributes or methods.
 
-    None that it lists is computed for that.
+    Attributes that `dir` lists are not evaluated.
     """
     own_fields, kind = getattr(value, "__dict__", ()), type(value)
     missing = {field for field in required if field not in own_fields and not hasattr(kind, field)}
@@ -126,7 +125,7 @@ def attributes(name: str, value: Any, *required: str) -> Any:
 
 
 def _listed(value: Any) -> tuple[Any, ...]:
-    """All things that there are in it; of what is no list, one None."""
+    """Return the items of an iterable as a tuple; (None,) for a value that is not iterable."""
     with suppress(TypeError):
         return tuple(value)
     return (None,)

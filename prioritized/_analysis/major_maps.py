@@ -1,6 +1,6 @@
-"""Major velocity per rates, and major force per torques, with the constraints on these.
+"""Maps from rates to major velocities and from torques to major forces, with their constraints.
 
-Leading axes are batch axes; there constraints are projectors instead of bases.
+Leading axes are batch axes; in batches constraints are projectors instead of bases.
 """
 
 from collections.abc import Sequence
@@ -17,14 +17,14 @@ from prioritized._solver.rank import basis_scale, frobenius, ranked_svd
 
 
 class MajorMap(NamedTuple):
-    """v_m = gain @ x + free z for all x with constraint @ x = 0, and for any z.
+    """Map v_m = gain @ x + free z for all x with constraint @ x = 0, and for any z.
 
     Attributes:
         gain: Shape (..., m1, n).
         constraint: Shape (..., r, n).
-        free: Of the size of `gain`, columns of zeros last, shape (..., m1, l).
+        free: Basis scaled to the size of `gain`, columns of zeros last, shape (..., m1, l).
         dimension: Number of the columns of `free` that are not zero, shape (...).
-        scale: Size of what `gain` was made from, shape (...).
+        scale: Size of the matrices that `gain` was computed from, shape (...).
     """
 
     gain: Array
@@ -42,7 +42,7 @@ def unweighted(
     scale: Array | float,
     tolerance: float,
 ) -> Problem:
-    """The arguments of Problems 1 and 6 without weights, checked."""
+    """Check the arguments of Problems 1 and 6 without weights."""
     return checked(
         J,
         major,
@@ -60,7 +60,7 @@ def unweighted(
 
 
 def of_rates(problem: Problem) -> MajorMap:
-    """Major velocities per active rates: v_m = J_m rates with C rates = 0."""
+    """Return the map from active rates to major velocities, v_m = J_m rates with C rates = 0."""
     G, S_m = problem.major_jacobian, problem.S_m
     empty = np.zeros((*G.shape[:-1], 0))
     dimension = np.zeros(G.shape[:-2], dtype=np.intp)
@@ -69,9 +69,10 @@ def of_rates(problem: Problem) -> MajorMap:
 
 
 def of_torques(problem: Problem) -> MajorMap:
-    """Major forces per active torques: torques = J^T f + C^T eta with Q^T f = 0, eqs. (13), (16).
+    """Return the map from active torques to major forces, eqs. (13) and (16).
 
-    The constraint is that the torques are such; `free` are major forces without any torque.
+    torques = J^T f + C^T eta with Q^T f = 0; the constraint is that the torques have this form.
+    `free` are major forces without any torque.
     """
     Q, tolerance, m1 = problem.self_motion, problem.tolerance, len(problem.S_m)
     units, others = (np.linalg.norm(S, axis=1)[:, None] for S in (problem.S_m, problem.S_s))
@@ -99,7 +100,7 @@ def of_torques(problem: Problem) -> MajorMap:
 
 
 def _unit(columns: Array) -> Array:
-    """Columns of unit norm."""
+    """Scale columns to unit norm."""
     sizes = np.linalg.norm(columns, axis=-2, keepdims=True)
     return columns / np.where(sizes > 0.0, sizes, 1.0)
 
@@ -107,13 +108,13 @@ def _unit(columns: Array) -> Array:
 def with_free(
     of: MajorMap, lower: Array, upper: Array, dimension: int
 ) -> tuple[Array, Array, Array, Array]:
-    """Gain, constraint, lower and upper limits of [x; z], where z has no limits.
+    """Return gain, constraint, lower and upper limits of [x; z] with unlimited z.
 
     Args:
-        of: Maps with as many columns of `free`.
-        lower: Of x, shape (..., n).
-        upper: Likewise.
-        dimension: The number of these columns.
+        of: Maps with equal numbers of columns of `free`.
+        lower: Lower limits of x, shape (..., n).
+        upper: Upper limits of x, shape (..., n).
+        dimension: Number of columns of `free`.
     """
     empty = np.zeros((*of.constraint.shape[:-1], dimension))
     endless = np.full((*lower.shape[:-1], dimension), np.inf)

@@ -1,4 +1,4 @@
-"""Velocity and force manipulability: the four conditions of section 2.2."""
+"""Velocity and force manipulability: the conditions of section 2.2."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -24,12 +24,12 @@ from prioritized._solver.rank import RankedSvd
 
 @dataclass(frozen=True, eq=False)
 class Finding(ReadOnly):
-    """Whether a condition holds, and in which directions.
+    """Result of testing a condition, with the directions concerned.
 
     Attributes:
-        holds: The verdict.
+        holds: Whether the condition holds.
         basis: Orthonormal basis of the directions concerned, empty when it does not hold.
-        sentence: The verdict in words.
+        sentence: The result as a sentence.
     """
 
     holds: bool
@@ -39,15 +39,15 @@ class Finding(ReadOnly):
 
     @cached_property
     def gap(self) -> float:
-        """Factor by which the rank threshold could change before the verdict might."""
+        """Factor by which the rank threshold could change without changing the result."""
         return self._gap()
 
 
 class Findings(Mapping[str, Finding]):
-    """Findings by name, each made when it is first looked up."""
+    """Findings by name, each computed when first accessed."""
 
     def __init__(self, make: Callable[[str], Finding]) -> None:
-        """Take what makes one of its name."""
+        """Store the function that computes the finding of a name."""
         self._make = make
         self._cache: dict[str, Finding] = {}
 
@@ -99,13 +99,13 @@ _SENTENCES = {
         "The loops do not constrain the active rates.",
     ),
 }
-"""The sentence when a condition holds, with its directions and joints, and when it does not."""
+"""Sentences for a condition that holds, with directions and joints, and for one that does not."""
 
 
 def finding_of(
     name: str, basis: Array, count: int, gap: Callable[[], float], joints: str = ""
 ) -> Finding:
-    """The finding on a condition with a basis of `count` directions, which concern these joints."""
+    """Return the finding on a condition with a basis of `count` directions of these joints."""
     holds, fails = _SENTENCES[name]
     number = "one direction" if count == 1 else f"{count} directions"
     where = f"{number} (of {joints})" if joints else number
@@ -114,10 +114,7 @@ def finding_of(
 
 @dataclass(frozen=True, eq=False)
 class Manipulability:
-    """The conditions of section 2.2 for one major task; `str()` says them in words.
-
-    Each is decided when it is first asked for.
-    """
+    """Conditions of section 2.2 for one major task, evaluated on access; `str()` is a summary."""
 
     _task: MajorTask
     _of_mechanism: Callable[[str], Any]
@@ -125,7 +122,7 @@ class Manipulability:
 
     @cached_property
     def findings(self) -> Mapping[str, Finding]:
-        """By name, each made when it is first looked up.
+        """Findings by name, each computed when first accessed.
 
         `unmanipulable`, `unmanipulable_task`, `unstable`, `unstable_major`, `unstable_secondary`,
         `unobservable`, `irresolvable`, `constrained_active`.
@@ -146,77 +143,77 @@ class Manipulability:
 
     @property
     def largest_gain(self) -> float:
-        """Greatest major speed per unit norm of these rates; zero without rows."""
+        """Greatest major speed per unit norm of the admissible rates; zero without rows."""
         return float(self._task.decision.sigma.max(initial=0.0)) * self._task.measure.gain_unit
 
     @property
     def gain_uncertainty(self) -> float:
-        """Relative error that the accuracy of the geometry allows the worst gain.
+        """Relative error of the worst gain due to the accuracy of the geometry.
 
-        0 when unmanipulable.
+        Zero if the task is unmanipulable.
         """
         return self._task.gain_uncertainty
 
     @property
     def closure_condition(self) -> float:
-        """Condition number of the closure J_Cp on its rank, 1 without loops.
+        """Condition number of the closure J_Cp on its rank, in natural units; 1 without loops.
 
-        Errors of the geometry are multiplied by up to as much. In natural units.
+        It bounds the amplification of geometric errors in the passive rates.
         """
         return self._of_mechanism("closure_condition")
 
     @property
     def unmanipulable(self) -> bool:
-        """Some major velocity is out of reach; basis in major coordinates, (m1, .)."""
+        """Return whether some major velocity is unreachable; basis in major rows, (m1, .)."""
         return self.findings["unmanipulable"].holds
 
     @property
     def unmanipulable_task(self) -> bool:
-        """Some task velocity is out of reach, major or not; basis (m, .)."""
+        """Return whether some task velocity is unreachable; basis (m, .)."""
         return self.findings["unmanipulable_task"].holds
 
     @property
     def unstable(self) -> bool:
-        """The task can move with every active joint locked: self-motion; basis (m, .)."""
+        """Return whether the task has self-motion with all active joints locked; basis (m, .)."""
         return self.findings["unstable"].holds
 
     @property
     def unstable_major(self) -> bool:
-        """Self-motion moves the major task; basis of these major velocities, (m1, .)."""
+        """Return whether self-motion moves the major task; basis of these velocities, (m1, .)."""
         return self.findings["unstable_major"].holds
 
     @property
     def unstable_secondary(self) -> bool:
-        """Some self-motion moves the task but not the major task; basis (m, .)."""
+        """Return whether some self-motion moves the task but not the major task; basis (m, .)."""
         return self.findings["unstable_secondary"].holds
 
     @property
     def unobservable(self) -> bool:
-        """Passive joints can move without active joints and task; basis in passive velocities."""
+        """Return whether passive joints can move without active joints and task; basis (p, .)."""
         return self.findings["unobservable"].holds
 
     @property
     def irresolvable(self) -> bool:
-        """Rigid statics does not determine the internal force; basis as rows (., c)."""
+        """Return whether rigid statics leaves internal forces undetermined; basis rows (., c)."""
         return self.findings["irresolvable"].holds
 
     @property
     def constrained_active(self) -> bool:
-        """The loops constrain the active rates, eq. (17); basis as rows (., n)."""
+        """Return whether the loops constrain the active rates, eq. (17); basis rows (., n)."""
         return self.findings["constrained_active"].holds
 
     @property
     def bases(self) -> dict[str, Array]:
-        """The basis of each finding, empty where it does not hold."""
+        """Basis of each finding, empty where the condition does not hold."""
         return {name: finding.basis for name, finding in self.findings.items()}
 
     @property
     def gaps(self) -> dict[str, float]:
-        """The gap of the rank decision of each finding."""
+        """Gap of the rank decision of each finding."""
         return {name: finding.gap for name, finding in self.findings.items()}
 
     def __repr__(self) -> str:
-        """One line, for interactive use."""
+        """Return a one-line summary for interactive use."""
         return f"<Manipulability. {' '.join(str(self).splitlines())}>"
 
     def __str__(self) -> str:
@@ -243,7 +240,7 @@ class Manipulability:
 
 
 _Directions = tuple[Array, tuple[RankedSvd, ...]]
-"""Directions as columns, and the decisions behind them."""
+"""Directions as columns, and the rank decisions that they result from."""
 
 
 def _unmanipulable(task: MajorTask, _: Any) -> _Directions:
@@ -286,11 +283,11 @@ _COLUMNS = {
     "unobservable": _unobservable,
 }
 _OF_ROWS = {"irresolvable": "internal_force", "constrained_active": "active_constraint"}
-"""Findings on rows of the mechanism, which it has decided on by itself."""
+"""Findings based on rows of the mechanism, with the attribute that has these rows."""
 
 
 def _gap(task: TaskMotion, decisions: tuple[RankedSvd, ...]) -> float:
-    """The gap of a verdict is the smallest of all decisions behind it."""
+    """Return the smallest gap of all rank decisions that a finding depends on."""
     return float(min([task.gap, *(svd.gap for svd in decisions)]))
 
 

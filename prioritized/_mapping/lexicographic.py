@@ -18,19 +18,20 @@ from prioritized._solver.rank import RANK_TOLERANCE, norm
 
 _FLOAT64 = np.dtype(np.float64)
 Level = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
-"""(A, b), or (A, lower, upper) for an A x that is to lie between two vectors."""
+"""Level (A, b), or (A, lower, upper) for an A x that should lie between two vectors."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What :func:`lexicographic_least_squares` found.
+    """Solution of :func:`lexicographic_least_squares`.
 
     Attributes:
         n: Number of unknowns x.
-        hard_rows: Number of inequality rows that hold first.
+        hard_rows: Number of inequality rows, which precede the levels.
         levels: Number of levels.
-        packed: The problem as it was solved: unknowns are x, then one for each inequality row.
-        point: Its solution, from which another call can start.
+        packed: Problem in the form of the solver: unknowns are x, then one slack for each
+            inequality row.
+        point: Result of the solver, which can warm-start another call.
     """
 
     n: int
@@ -41,17 +42,17 @@ class Solution:
 
     @property
     def x(self) -> Array:
-        """The solution, shape (n,); within the bounds exactly, whatever the status."""
+        """Solution, shape (n,), within the bounds exactly for any status."""
         return self.point.x[0, : self.n]
 
     @property
     def active(self) -> NDArray[np.int8]:
-        """Which bounds x is at: -1 the lower, 1 the upper, 0 none, (n,); equal ones are -1."""
+        """Bounds that x is at: -1 the lower, 1 the upper, 0 none, (n,); equal ones are -1."""
         return self._at_bounds[: self.n]
 
     @property
     def active_rows(self) -> NDArray[np.int8]:
-        """The same for the inequality rows, shape (r,)."""
+        """Limits that the inequality rows are at: -1 the lower, 1 the upper, 0 none, (r,)."""
         return self._at_bounds[self.n : self.n + self.hard_rows]
 
     @cached_property
@@ -65,18 +66,18 @@ class Solution:
 
     @property
     def steps(self) -> int:
-        """Steps of the active set that were taken."""
+        """Number of steps of the active set."""
         return int(self.point.steps[0])
 
     @property
     def residuals(self) -> tuple[Array, ...]:
-        """b_k - A_k x of each level; for an interval, what A_k x lacks to lie in it."""
+        """Residual b_k - A_k x of each level; for an interval, the distance of A_k x to it."""
         first = 1 if self.hard_rows else 0
         return self._residuals[first : first + self.levels]
 
     @cached_property
     def certificate(self) -> Array | None:
-        """The y (r,) that proves that the inequality rows G are infeasible; None if they are not.
+        """Vector y (r,) that proves that the inequality rows G are infeasible, otherwise None.
 
         y . (G x - s) > 0 for all x within the bounds and all s within the limits of the rows.
         """
@@ -87,7 +88,7 @@ class Solution:
 
     @property
     def status(self) -> Status:
-        """OPTIMAL, INFEASIBLE or UNFINISHED; the value says what it means."""
+        """Status OPTIMAL, INFEASIBLE or UNFINISHED; its value is an explanation."""
         conditions = {
             Status.UNFINISHED: lambda: not self.point.ended[0],
             Status.INFEASIBLE: lambda: self.certificate is not None,
@@ -114,33 +115,33 @@ def lexicographic_least_squares(
     most_steps: int | None = None,
     rank_tolerance: float = RANK_TOLERANCE,
 ) -> Solution:
-    """The x within its bounds that makes |A_k x - b_k| least, level by level.
+    """Minimize |A_k x - b_k| level by level over the x within bounds.
 
-    Each level is solved without changing what bounds, rows and the levels before it leave:
+    Each level is solved in the set that bounds, rows and previous levels leave:
 
-    1. lower <= x <= upper, always and exactly
+    1. lower <= x <= upper, exactly
     2. rows_lower <= rows x <= rows_upper, or the least violation where that is infeasible
     3. |A_1 x - b_1|, then |A_2 x - b_2|, ...   smallest
     4. |T x|, then |x|                         smallest (ties)
 
-    A primal active-set method with one orthogonal decomposition of each level in what the levels
-    before it leave (Escande, Mansard, Wieber, IJRR 33(7), 2014, with bounds alone: an inequality
-    row is an equation with one more bounded unknown), whose levels never see the data of those
-    after them, except for the start. Cycling is excluded by Bland's rule and a bound on the number
-    of steps.
+    A primal active-set method with one orthogonal decomposition of each level on the null space of
+    the previous ones (Escande, Mansard, Wieber, IJRR 33(7), 2014; an inequality row is an equation
+    with one more bounded unknown). Apart from the start, no level depends on data of later ones.
+    Bland's rule and a bound on the number of steps exclude cycling.
 
     Args:
         levels: (A_k, b_k), shapes (m_k, n) and (m_k,); or (A_k, lower, upper), whose distance to
-            the interval is made least.
+            the interval is minimized.
         lower: Shape (n,) or one number; may be infinite; None is no bound.
-        upper: Likewise; equal to `lower` it fixes an unknown.
+        upper: Shape (n,) or one number; may be infinite; equal to `lower` it fixes an unknown.
         rows: Inequality rows, shape (r, n).
-        rows_lower: Shape (r,) or one number, as above.
-        rows_upper: Likewise.
+        rows_lower: Shape (r,) or one number; may be infinite.
+        rows_upper: Shape (r,) or one number; may be infinite.
         tie_metric: T, diagonal (n,) or matrix (k, n); None is zero.
-        start: Solution of a similar problem of the same shape, from which to start.
-        most_steps: Of the active set in all; None is 20 (n + 1) for each level.
-        rank_tolerance: Rows smaller than this fraction of their level are dependent on others.
+        start: Solution of a similar problem of the same shape, whose active set is the initial one.
+        most_steps: Bound on the steps of the active set in total; None is 20 (n + 1) for each
+            level.
+        rank_tolerance: Rows smaller than this fraction of their level are linearly dependent.
 
     Returns:
         A solution that obeys the bounds, finite, whatever its status.
@@ -174,9 +175,9 @@ def lexicographic_least_squares(
 def _of_plain_arrays(
     levels: Sequence[Any], lower: Any, upper: Any, tolerance: float, start: Point | None
 ) -> Solution | None:
-    """The solution within bounds, where all levels are (A, b) as they should be.
+    """Return the solution within bounds if all levels are pairs (A, b) of plain arrays.
 
-    None elsewhere: the checks then say what is wrong, or take what is right in another form.
+    None otherwise: the caller's checks then raise, or convert the arguments.
     """
     matrices, counts, n = [], [], -1
     # Calls of the argument checks would take as long as the arithmetic.
@@ -215,7 +216,7 @@ def _of_plain_arrays(
 def _hard_rows(
     rows: ArrayLike | None, lower: ArrayLike | None, upper: ArrayLike | None, n: int
 ) -> list[Rows]:
-    """The inequality rows, if there are any."""
+    """Return the checked inequality rows, if there are any."""
     if rows is None:
         if lower is not None or upper is not None:
             raise ValueError("rows must be given with rows_lower and rows_upper, got None")
@@ -226,7 +227,7 @@ def _hard_rows(
 
 
 def _between(names: str, lower: ArrayLike | None, upper: ArrayLike | None, n: int) -> Limits:
-    """Limits that are two arguments; None is infinite."""
+    """Return limits given as two arguments; None is infinite."""
     return limits(
         names, (-np.inf if lower is None else lower, np.inf if upper is None else upper), n
     )

@@ -1,4 +1,4 @@
-"""Problem 1 for diagonal weights and nothing else but J: one call of the kernel."""
+"""Problem 1 with diagonal weights and without constraints: one call of a compiled kernel."""
 
 from typing import Any
 
@@ -18,17 +18,18 @@ NAMES = "v_major", "joint_velocity", "secondary_velocity"
 
 
 class Plain:
-    """J (..., m, n) with tasks S (m1 + m2, m) and diagonal weights; None is no weight.
+    """Problem 1 for J (..., m, n), tasks S (m1 + m2, m) and diagonal weights.
 
     Attributes:
-        J: One or a batch, contiguous.
-        S: The major directions, weighed by `metric` if there is one, then the secondary ones.
+        J: One matrix or a batch, contiguous.
+        S: Major directions, multiplied by `metric` if there is one, then the secondary ones.
         metric: M (k, m1) of the major velocity, or None.
         weights: w1 (n,) and w2 (m2,), or None.
         scale: Size of J against which ranks are decided, (...); None is its norm.
-        tolerance: Of the rank decisions.
-        clear: Part of the scale up to which a singular value of the major rows is in doubt.
-        m1: Major directions.
+        tolerance: Tolerance of the rank decisions.
+        threshold: Fraction of the scale above which a singular value of the major rows is
+            certainly not zero.
+        m1: Number of major directions.
     """
 
     __slots__ = (
@@ -57,12 +58,12 @@ class Plain:
         self._kernel_arguments = *shape, pointer(J), *map(_or_none, (scale, *weights))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Pointers are no use elsewhere.
+        # Pointers cannot be pickled.
         others = self.weights, self.metric, self.scale, self.tolerance, self.threshold
         return Plain, (self.J, self.S, self.m1, *others)
 
     def problem(self, S_m: Array, S_s: Array) -> Problem:
-        """The checked arguments that it stands for."""
+        """Return the equivalent general problem."""
         *lead, m, n = self.J.shape
         W1, W2 = (
             none((0, k)) if w is None else np.diag(w)
@@ -76,7 +77,7 @@ class Plain:
 
     @property
     def is_moderate(self) -> bool:
-        """Whether all numbers are finite, and no product of them over- or underflows."""
+        """Return whether all numbers are finite, and no product of them over- or underflows."""
         problem, _, J, _, w1, w2 = self._kernel_arguments
         return lib.problem1_fits(problem.pointer, J, w1, w2)
 
@@ -87,9 +88,10 @@ class Plain:
         secondary_velocity: ArrayLike | None,
         box: Limits | None,
     ) -> Array | None:
-        """Optimal rates (..., n) within limits (2, n); None where the general way must be taken.
+        """Return the optimal rates (..., n) within limits (2, n); None requires the general solver.
 
-        That is for targets with other leading axes than J, and where a rank is in doubt.
+        None is returned for targets with leading axes other than those of J, and if a rank may be
+        deficient.
         """
         values = v_major, joint_velocity, secondary_velocity
         problem, workspace, *first = self._kernel_arguments
@@ -97,7 +99,7 @@ class Plain:
         sizes = m1, n, len(self.S) - (m1 if self.metric is None else len(self.metric))
         targets: list[Any] = []
         for i, value in enumerate(values):
-            # A call of the argument checks would take as long as the arithmetic.
+            # Argument checks would take as long as the arithmetic.
             if type(value) is np.ndarray and value.dtype is _FLOAT64:
                 target = value
             else:
@@ -119,7 +121,7 @@ class Plain:
         )
         try:
             inputs = [_or_none(target) for target in (*targets, limits)]
-        except ValueError:  # not contiguous, as few are
+        except ValueError:  # not contiguous, which is rare
             inputs = [
                 _or_none(None if A is None else np.array(A, order="C")) for A in (*targets, limits)
             ]
@@ -140,16 +142,17 @@ def shape_of(
     threshold: float = 0.0,
     count: int = 1,
 ) -> tuple[Struct, int]:
-    """All that is no J or weight, as the kernel takes it, and the room that it needs.
+    """Return the kernel's description of a problem without J and weights, and its workspace size.
 
     Args:
         S: As in :class:`Plain`.
         m1: Rows of S that are major.
-        n: Rates.
-        has: Whether there are w1 and w2.
-        tolerance: Of the rank decisions.
-        clear: Part of the scale up to which a singular value of the major rows is in doubt.
-        count: Of J.
+        n: Number of rates.
+        has: Whether w1 and w2 are given.
+        tolerance: Tolerance of the rank decisions.
+        threshold: Fraction of the scale above which a singular value of the major rows is
+            certainly not zero.
+        count: Number of matrices J.
     """
     problem = Struct(
         "problem1",
@@ -173,9 +176,9 @@ def _or_none(A: Array | None) -> Any:
 
 
 def plain_of(problem: Problem, threshold: float = 0.0) -> Plain | None:
-    """A checked problem as one of these, if its weights are diagonals and nothing else is given.
+    """Convert a checked problem if its weights are diagonal and it has no constraints; else None.
 
-    It does not answer where singular values may be below `clear` parts of the scale.
+    The kernel does not solve it if singular values may be below `threshold` times the scale.
     """
     J, S_m, S_s, W1, W2, C, _, M, T, scale, tolerance, lead = problem
     if C.size or T.size or J.shape[:-2] != lead or not tolerance:

@@ -1,4 +1,4 @@
-"""Major and secondary directions of the task, and how well a mapping meets the major task."""
+"""Major and secondary directions of the task, and the status of a mapping."""
 
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
@@ -15,9 +15,9 @@ from prioritized._solver.rank import RANK_TOLERANCE, frobenius, ranked_svd
 
 
 class Status(Enum):
-    """How well a mapping meets the major task; the value says what to do about it.
+    """Quality of the solution of the major task; the value says what to do about it.
 
-    What holds first in this order is the status: see :func:`status_of`.
+    The first condition that holds in this order is the status: see :func:`status_of`.
     """
 
     UNFINISHED = (
@@ -29,19 +29,19 @@ class Status(Enum):
         "violated least; widen the limits, or drop constraints"
     )
     SELF_MOTION = (
-        "the major task can move with every actuator locked, so no mapping can hold it: brake a "
+        "the major task can move with every actuator locked, so no mapping can control it: brake a "
         "joint, drop major rows, or give the system the stiffness that resists this motion"
     )
     SCALED = (
-        "limits hold the major task back, whose direction is kept: see scale and active_limits, "
-        "ask for less, or widen these limits"
+        "limits restrict the major task, whose direction is preserved: see scale and "
+        "active_limits, command less, or widen these limits"
     )
     LIMITED = (
-        "limits hold the major task back, which is met in the least-squares sense: "
-        "see the residual and active_limits, ask for less, or widen these limits"
+        "limits restrict the major task, which is achieved in the least-squares sense: "
+        "see the residual and active_limits, command less, or widen these limits"
     )
     LEAST_SQUARES = (
-        "part of the major task is out of reach and is met in the least-squares sense: "
+        "part of the major task is unreachable and is achieved in the least-squares sense: "
         "see the residual, drop major rows, or restore an actuator"
     )
     UNSEEN = (
@@ -49,12 +49,12 @@ class Status(Enum):
         "drop major rows, or move away from the singularity"
     )
     DAMPED = "damping makes the major task inexact: see the residual, or set damping=0"
-    EXACT = "the major task is met exactly"
+    EXACT = "the major task is achieved exactly"
     OPTIMAL = "every level has its least residual"
 
 
 def status_of(conditions: Mapping[Status, Callable[[], object]], otherwise: Status) -> Status:
-    """Decide a status: the first, in the order of the class, whose condition holds."""
+    """Return the first status, in the order of the class, whose condition holds."""
     return next(
         (status for status in Status if status in conditions and conditions[status]()), otherwise
     )
@@ -66,7 +66,7 @@ def task_selection(
     m: int,
     tolerance: float = RANK_TOLERANCE,
 ) -> tuple[Array, Array]:
-    """Selection matrices S_m (m1, m), S_s (m2, m): v_m = S_m v, v_s = S_s v, eq. (15).
+    """Return selection matrices S_m (m1, m), S_s (m2, m): v_m = S_m v, v_s = S_s v, eq. (15).
 
     By the balance of power, f = S_m^T f_m + S_s^T f_s.
     """
@@ -82,7 +82,7 @@ def task_selection(
 
 
 def are_rows(value: Sequence[int] | ArrayLike) -> TypeGuard[Sequence[int]]:
-    """Whether these are plain row numbers in a list, the common case, whose matrices are cached."""
+    """Return whether these are integers in a list, the common case, whose matrices are cached."""
     return (type(value) is list or type(value) is tuple) and _INT.issuperset(map(type, value))
 
 
@@ -103,7 +103,7 @@ def _remaining_rows(S_m: Array) -> Array:
 
 
 def rows_of(name: str, rows: Sequence[int] | ArrayLike, m: int) -> Array:
-    """Row numbers or directions as a selection matrix (k, m)."""
+    """Convert row numbers or directions to a selection matrix (k, m)."""
     try:
         directions = not check.is_masked(rows) and np.ndim(rows) == 2
     except ValueError:

@@ -1,4 +1,4 @@
-"""The optimum of a hierarchy at one pose after another, where nothing is in doubt."""
+"""Compiled solution of a hierarchy at successive poses, for well-conditioned ones."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,19 +26,19 @@ if TYPE_CHECKING:
 
 
 _CLEAR = ROUND_OFF / ACCURACY
-"""Part of a scale above which a singular value is regular: any way then finds nine digits."""
+"""Fraction of a scale above which a singular value is regular: every method then agrees to 1e-9."""
 
 
 class TickData(NamedTuple):
-    """What ``tick_plan`` in ``kernels.h`` names.
+    """Pose-independent data of the per-tick solver, ``tick_plan`` in ``kernels.h``.
 
     Attributes:
         order: Passive velocities that move, then the rates, (p + n,).
-        idle: Passive velocities that stay at rest.
-        levels: What is asked for.
-        errors: Size of the errors of J_C and J_T per bound of them, and the part of J_C and of J
-            up to which a singular value is in doubt.
-        units: Natural units of the task rows, of those of the loops, and of the velocities.
+        stationary: Passive velocities that stay at rest.
+        levels: Rows and targets of the levels.
+        errors: Size of the errors of J_C and J_T per bound of them, and the fraction of J_C and of
+            J above which a singular value is certainly not zero.
+        units: Natural units of the task rows, of the loop rows, and of the velocities.
     """
 
     order: Indices
@@ -49,7 +49,10 @@ class TickData(NamedTuple):
 
     @classmethod
     def of(cls, specs: LevelSpecs, mechanism: "Kinematics") -> "TickData | None":
-        """Of a mechanism at any pose; None where it has springs, or a level is an interval."""
+        """Return the data of a mechanism at any pose.
+
+        None if it has springs, or a level is an interval.
+        """
         system = mechanism.system
         active, is_interval = system.joints.active, any(level[0].interval for level in specs.levels)
         if is_interval or not system.is_rigid or not len(active):
@@ -61,7 +64,7 @@ class TickData(NamedTuple):
         return cls(order, stationary, TickLevels.of(specs), _errors(of), units)
 
     def for_kernel(self, c: int, N: int) -> Struct:
-        """The same for :data:`kernels.lib` and J_C (c, N)."""
+        """Return the data as a struct for :data:`kernels.lib` and J_C (c, N)."""
         _, _, of, (error_C, error_T, threshold), (rows_T, rows_C, velocities) = self
         m, (k, n), t = of.S.shape[1], of.R.shape, of.T.shape[1]
         sizes = {
@@ -101,19 +104,19 @@ class TickData(NamedTuple):
 
 
 class TickLevels(NamedTuple):
-    """Rows S J + R of all levels, and a weighted norm of the rates beside the last or after it.
+    """Rows S J + R of all levels, and a weighted norm of the rates in or after the last one.
 
     Attributes:
         S: Shape (k, m).
         R: Shape (k, n).
-        T: What the rows are to be, and then, where they have weights, the rates: (., t).
-        ends: Of each level, (levels,).
-        damping: Likewise.
-        weight: Of the rates, (n,); None is |rates|.
-        beside: How many rows of the last level stand beside that norm.
-        D: Directions of the task in these rows, (d, m).
+        T: Targets of the rows and then, if they have weights, of the rates, per target: (., t).
+        ends: End of each level, (levels,).
+        damping: Damping of each level, (levels,).
+        weight: Weights of the rates, (n,); None is |rates|.
+        norm_rows: Number of rows of the last level that are added to the weighted norm.
+        D: Directions of the task in the rows added to the norm, (d, m).
         sizes: 2-norm of S of each level, then of all directions of the task, (levels + 1,).
-        on_rates: What may be zero of R of each level, (levels,).
+        on_rates: Magnitude up to which entries of R of each level are zero, (levels,).
     """
 
     S: Array
@@ -129,7 +132,7 @@ class TickLevels(NamedTuple):
 
     @classmethod
     def of(cls, specs: LevelSpecs) -> "TickLevels":
-        """As they were asked for."""
+        """Convert the specification of the levels."""
         level_rows, levels, ties = specs.level_rows, specs.levels, specs.ties.A
         S, R, T = (
             level_rows.split(level_rows.on_task),
@@ -172,22 +175,22 @@ class TickLevels(NamedTuple):
 
 
 def _target_matrices(specs: LevelSpecs) -> list[Array]:
-    """What the weighted rows of each level are to be, per target, (., t)."""
+    """Return the targets of the weighted rows of each level, per target, (., t)."""
     whole = block_diag(*(part.matrix for level in specs.levels for part in level))
     return specs.level_rows.split(whole)
 
 
 def _diagonal(rows: Array) -> Array | None:
-    """Weights w (n,) for which |rows rates| = |w rates|; None where there are none."""
+    """Return weights w (n,) for which |rows rates| = |w rates|; None if there are none."""
     squares = rows.T @ rows
     weight = np.sqrt(squares.diagonal())
     return None if (squares != np.diag(squares.diagonal())).any() else weight
 
 
 def _widest_last(system: Partition) -> tuple[Indices, Indices]:
-    """The passive velocities that move, and those that neither loops nor task know.
+    """Return the passive velocities that move, and those without effect on loops and task.
 
-    The former begin with those of one loop: more zeros then stay zeros.
+    Velocities of a single loop come first, which preserves zeros in the elimination.
     """
     moving = system.joints.moving
     is_stationary = ~(
@@ -201,7 +204,7 @@ def _widest_last(system: Partition) -> tuple[Indices, Indices]:
 
 
 def _errors(geometry: Geometry) -> tuple[float, float, float]:
-    """Size of the errors of J_C and J_T per bound, and where singular values are in doubt."""
+    """Return the errors of J_C and J_T per bound, and the threshold of singular values."""
     clear = max(_CLEAR, well_conditioned_above(geometry.rank_tolerance))
     if geometry.accuracy is None or geometry.is_stated:
         return 0.0, 0.0, clear
@@ -213,13 +216,13 @@ def _errors(geometry: Geometry) -> tuple[float, float, float]:
 
 
 class Basis(NamedTuple):
-    """All of a mechanism that a tick depends on and no pose changes.
+    """Properties of a mechanism that a tick depends on and that do not depend on the pose.
 
     Attributes:
-        joints: Velocities that are driven (n,), and passive ones that move (p,).
-        shape: Of J_C.
-        rest: Whether loops alone decide on passive velocities, the tolerance of ranks, and whether
-            it says how accurate the entries are.
+        joints: Driven velocities (n,), and passive ones that move (p,).
+        shape: Shape of J_C.
+        settings: Whether loops alone determine passive velocities, the rank tolerance, whether it
+            defines the accuracy, and whether the entries are exact.
     """
 
     joints: tuple[Indices, Indices]
@@ -228,14 +231,14 @@ class Basis(NamedTuple):
 
     @classmethod
     def of(cls, system: Partition) -> "Basis":
-        """That of a mechanism at any pose."""
+        """Return the properties of a mechanism at any pose."""
         joints, geometry = system.joints, system.geometry
         is_exact = geometry.accuracy is None
         settings = system.is_rigid, geometry.rank_tolerance, geometry.is_stated, is_exact
         return cls((joints.active, joints.moving), geometry.J_C.shape, settings)
 
     def matches(self, system: Partition) -> bool:
-        """Whether it is of this mechanism, too."""
+        """Return whether another mechanism has the same properties."""
         joints, *settings = Basis.of(system)
         pairs = zip(self.joints, joints, strict=True)
         return settings == list(self[1:]) and all(a is b or np.array_equal(a, b) for a, b in pairs)
@@ -243,14 +246,14 @@ class Basis(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Tick(ReadOnly):
-    """Levels of tasks of one mechanism, solved at any pose.
+    """Levels of tasks of one mechanism, solved at any pose by one compiled call.
 
-    Made by :meth:`Hierarchy.tick` and :meth:`VelocityMapping.tick`.
+    Created by :meth:`Hierarchy.tick` and :meth:`VelocityMapping.tick`.
 
     Attributes:
-        plan: What the compiled solution is given.
-        basis: What it depends on of the mechanism.
-        asked: The levels.
+        data: Data of the compiled solver.
+        basis: Properties of the mechanism that it depends on.
+        specs: Specification of the levels.
     """
 
     data: TickData
@@ -259,12 +262,12 @@ class Tick(ReadOnly):
 
     @classmethod
     def of(cls, specs: LevelSpecs, mechanism: "Kinematics") -> "Tick | None":
-        """Of a mechanism; see :meth:`Hierarchy.tick`."""
+        """Return the tick of a mechanism; see :meth:`Hierarchy.tick`."""
         data = TickData.of(specs, mechanism)
         return None if data is None else cls(data, Basis.of(mechanism.system), specs)
 
     def at(self, mechanism: "Kinematics") -> "Tick | None":
-        """The same of this mechanism at another pose, or after other failures."""
+        """Return the tick for this mechanism at another pose, or after other failures."""
         if self.basis.matches(mechanism.system):
             return self
         return Tick.of(self.specs.at(mechanism), mechanism)
@@ -277,20 +280,21 @@ class Tick(ReadOnly):
         velocity_limits: Limits,
         error_bound: float = 0.0,
     ) -> Array | None:
-        """Optimal velocities in the order of J_T's columns, shape (N,); None where others decide.
+        """Return optimal velocities in the order of J_T's columns, (N,); None if ill-conditioned.
 
         They are those of :meth:`Hierarchy.solve` at this pose, where limits of passive velocities
-        are inequality rows. None is said where a rank may be in doubt, as near singular poses;
-        where a joint swings freely that task or loops know; and where limits and loops contradict
-        each other.
+        are inequality rows. None is returned if a rank may be deficient, as near singular poses; if
+        a joint that affects task or loops swings freely; and if limits and loops contradict each
+        other.
 
         Args:
-            J_T: Task Jacobian there, shape (m, N).
+            J_T: Task Jacobian at this pose, shape (m, N).
             J_C: Constraint Jacobian, shape (c, N).
-            targets: Of all tasks of all levels, one after the other, shape (t,).
-            velocity_limits: Lower and upper limit of each velocity, (N,) each, infinite where there
-                is none. Those of stuck joints do not matter.
-            error_bound: That of :class:`prioritized._mechanism.geometry.Accuracy` there.
+            targets: Targets of all tasks of all levels, one after the other, shape (t,).
+            velocity_limits: Lower and upper limit of each velocity, (N,) each, infinite if there is
+                none. Those of stuck joints have no effect.
+            error_bound: Bound of the errors of J_T and J_C, as of
+                :class:`prioritized._mechanism.geometry.Accuracy`.
         """
         arguments, is_invalid, velocities = (
             (J_T, J_C, targets, velocity_limits, error_bound),
@@ -312,10 +316,10 @@ class Tick(ReadOnly):
         error_bound: float,
         along: Array | None = None,
     ) -> tuple[bool, Array | None]:
-        """Whether an argument is wrong or no plain array; and what a call returns.
+        """Return whether an argument is invalid or not a plain array, and the result of a call.
 
-        With `along`, rates (n,), all levels but the first are asked for the motion of the task that
-        these make, beside their targets.
+        With `along`, rates (n,), the task motion that these produce is added to the targets of all
+        levels but the first.
         """
         data, shapes, size = self._prepared
         lower, upper = velocity_limits
@@ -323,7 +327,7 @@ class Tick(ReadOnly):
             return True, None
         velocities = np.empty(self.basis.shape[1])
         workspace = ffi.NULL if size <= lib.TICK_OWN_ROOM else pointer(np.empty(size))
-        try:  # looking at the types would take longer
+        try:  # checking the types would take longer
             inputs = pointer(J_T), pointer(J_C), pointer(targets)
             desired = ffi.NULL if along is None else pointer(along)
             limits = pointer(lower), pointer(upper), error_bound
@@ -336,7 +340,7 @@ class Tick(ReadOnly):
 
     @cached_property
     def _prepared(self) -> tuple[Struct, tuple[tuple[int, ...], ...], int]:
-        """The plan for the kernel, shapes of the arrays that it takes, and its room."""
+        """Kernel struct, shapes of the arrays that it takes, and its workspace size."""
         (c, N), levels = self.basis.shape, self.data.levels
         data, m, t = self.data.for_kernel(c, N), levels.S.shape[1], levels.T.shape[1]
         return data, ((m, N), (c, N), (t,), (N,), (N,)), lib.tick_room(data.pointer)
@@ -344,14 +348,14 @@ class Tick(ReadOnly):
     def at_jacobians(
         self, mechanism: Any, targets: Array, rates: Limits | None, along: Array | None = None
     ) -> Array | None:
-        """What a call returns for Jacobians of the mechanism, as of `sim.jacobians`.
+        """Return the result of a call for Jacobians of the mechanism, as of `sim.jacobians`.
 
         Args:
-            mechanism: With J_T and J_C, and their `error_bound` or `accuracy`; without either they
-                are exact.
-            targets: As of a call.
+            mechanism: Object with J_T and J_C, and their `error_bound` or `accuracy`; without
+                either they are exact.
+            targets: Targets as of a call.
             rates: Limits of the rates, (n,) each; None is no limits.
-            along: As of :meth:`of_plain`.
+            along: Rates as in :meth:`of_plain`.
         """
         _, _, is_stated, _ = self.basis.settings
         bound = 0.0 if is_stated else error_bound_of(mechanism)
@@ -359,7 +363,7 @@ class Tick(ReadOnly):
         return self.of_plain(J_T, J_C, targets, limits, bound, along)[1]
 
     def limits(self, rates: Limits | None) -> Limits:
-        """Limits of all velocities, (N,) each, of those of the rates; None is no limits."""
+        """Return limits of all velocities, (N,) each, from those of the rates; None is no limit."""
         if rates is None:
             return self._no_limits
         (active, _), (lower, upper) = self.basis.joints, (side.copy() for side in self._no_limits)
@@ -374,7 +378,7 @@ class Tick(ReadOnly):
     def _checked(
         self, J_T: ArrayLike, J_C: ArrayLike, targets: ArrayLike, limits: Any, bound: Any
     ) -> tuple[Array, Array, Array, tuple[Array, Array], float]:
-        """The arguments as plain arrays of the right shapes."""
+        """Return the arguments as plain arrays of the right shapes."""
         N, plain = self.basis.shape[1], np.ascontiguousarray
         lower, upper = check.limits("velocity_limits", limits, N)
         return (

@@ -1,4 +1,4 @@
-"""Where singular values are clearly not zero, so that no SVD is needed."""
+"""Thresholds above which singular values are certainly non-zero, so that no SVD is needed."""
 
 from math import ceil, inf, isfinite, log2, sqrt
 
@@ -8,7 +8,7 @@ from prioritized._solver.rank import ERROR_MARGIN, ROUND_OFF, norm
 
 
 def well_conditioned_above(tolerance: float) -> float:
-    """Fraction of the scale above which a singular value is clearly not zero.
+    """Return the fraction of the scale above which a singular value is certainly not zero.
 
     Below it the SVD decides, at the tolerance itself.
     """
@@ -16,18 +16,18 @@ def well_conditioned_above(tolerance: float) -> float:
 
 
 def loop_threshold(geometry: Geometry) -> float:
-    """Fraction of |J_C| above which a singular value of the closure J_Cp is clearly not zero."""
+    """Return the fraction of |J_C| above which a singular value of J_Cp is certainly not zero."""
     A, threshold = geometry.closure, well_conditioned_above(geometry.rank_tolerance)
     errors = sqrt(A.size) * geometry.error_bound
     return max(threshold, ERROR_MARGIN * errors / (norm(A) or 1.0))
 
 
 def task_threshold(geometry: Geometry, scale: float, gain: Array, closing: Array) -> float:
-    """Fraction of its scale above which a singular value of J, eq. (14), is clearly not zero.
+    """Return the fraction of its scale above which a singular value of J is certainly not zero.
 
     Args:
         geometry: J_T and J_C.
-        scale: Of J.
+        scale: Scale of J, eq. (14).
         gain: Passive rates per active rate, (p, n).
         closing: J_Cp^-1, (p, p).
     """
@@ -39,5 +39,5 @@ def task_threshold(geometry: Geometry, scale: float, gain: Array, closing: Array
     errors *= bound * (1.0 + norm(gain))
     if not isfinite(errors):
         return inf
-    # Few different numbers: what depends on them is looked up.
+    # Rounded to a power of two, because results that depend on it are cached.
     return 2.0 ** ceil(log2(max(threshold, ERROR_MARGIN * errors / (scale or 1.0))))

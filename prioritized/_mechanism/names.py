@@ -1,4 +1,4 @@
-"""Names of joints and actuators: read from a model, resolved in arguments, spoken in sentences."""
+"""Names of joints and actuators: read from a model, resolved in arguments, listed in sentences."""
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
@@ -13,14 +13,14 @@ from argument_checks import Array, Indices
 from argument_checks.ties import ACCURACY, ascending, exceeds
 
 MAX_LISTED = 5
-"""A sentence names no more joints than this."""
+"""Largest number of joints listed in a sentence."""
 
 LEAST_SHARE = 0.1
-"""Share of a joint in directions, as a fraction of the largest share, below which it is unnamed."""
+"""Least share of a joint in directions, relative to the largest share, for it to be listed."""
 
 
 class HasNames(Protocol):
-    """What names are taken from; empty where there is none."""
+    """Object with names of velocities and actuators, empty where there is no name."""
 
     @property
     def velocities(self) -> Sequence[str]: ...
@@ -35,7 +35,7 @@ class Names:
     Attributes:
         velocities: The joint (or tendon) of each velocity, N strings; the velocities of a ball or
             free joint all have the joint's name.
-        actuators: Those that drive each active velocity, n tuples of strings, mostly of one.
+        actuators: Actuators that drive each active velocity, n tuples of strings, mostly of one.
     """
 
     velocities: tuple[str, ...]
@@ -43,15 +43,15 @@ class Names:
 
 
 Aliases = tuple[tuple[str, ...], ...]
-"""For each number the names that it is known by, the one for sentences first."""
+"""Accepted names of each number, with the one used in sentences first."""
 
 
 def checked_names(names: HasNames, N: int, n: int) -> Names:
-    """The names as immutable tuples.
+    """Return the names as immutable tuples.
 
     Raises:
         TypeError: `names` has no `velocities` or no `actuators`.
-        ValueError: They are not N strings and n tuples of strings.
+        ValueError: The names are not N strings and n tuples of strings.
     """
     try:
         velocities, actuators = tuple(names.velocities), tuple(map(tuple, names.actuators))
@@ -71,17 +71,17 @@ def checked_names(names: HasNames, N: int, n: int) -> Names:
 
 
 def velocity_aliases(names: Names | None, N: int) -> Aliases:
-    """Each velocity by its joint."""
+    """Return the names of each velocity: that of its joint, if it has one."""
     return (
         ((),) * N if names is None else tuple((name,) if name else () for name in names.velocities)
     )
 
 
 def actuator_aliases(names: Names | None, active: Indices) -> Aliases:
-    """Each active velocity by its joint and its actuators, first a word that no other has.
+    """Return the names of each active velocity: a unique label, its joint, and its actuators.
 
     Velocities of one joint and the same actuators belong to one actuator, an orientation servo, and
-    are known alike.
+    have the same names.
     """
     if names is None:
         return ((),) * len(active)
@@ -90,7 +90,7 @@ def actuator_aliases(names: Names | None, active: Indices) -> Aliases:
         for i, driving in zip(active, names.actuators, strict=True)
     ]
     names_of = [tuple(filter(None, (joint, *driving))) for joint, driving in pairs]
-    # Without the name of an actuator nothing says that it is one.
+    # Without an actuator name the velocities of a joint may belong to different actuators.
     servos = [pair if pair[1] else k for k, pair in enumerate(pairs)]
     first = [servos.index(servo) for servo in servos]
     users = Counter(name for k in set(first) for name in set(names_of[k]))
@@ -101,7 +101,7 @@ def actuator_aliases(names: Names | None, active: Indices) -> Aliases:
 
 
 def _word(names: tuple[str, ...], number: int, users: Counter[str]) -> str:
-    """The first of its own names that has no other user, else the first with the number."""
+    """Return the first of the names without another user, otherwise the first with the number."""
     for name in names:
         if users[name] == 1:
             return name
@@ -112,7 +112,7 @@ def _word(names: tuple[str, ...], number: int, users: Counter[str]) -> str:
 
 
 def passive_joints(names: Names | None, active: Indices) -> frozenset[str]:
-    """Names of the joints of all velocities that are not active."""
+    """Return the names of the joints of all velocities that are not active."""
     if names is None:
         return frozenset()
     driven = set(active.tolist())
@@ -127,17 +127,17 @@ def resolved_numbers(
     several: bool,
     passive: Collection[str] = (),
 ) -> frozenset[int]:
-    """The numbers that an argument lists by number or by name.
+    """Resolve an argument that lists numbers or names to numbers.
 
     Args:
-        argument: Its name, for errors.
-        value: Numbers of range(len(known)), and names.
-        known: The names that each number goes by.
+        argument: Name of the argument, for errors.
+        value: Numbers of range(len(aliases)), and names.
+        aliases: Accepted names of each number.
         several: Whether a name may stand for several numbers.
-        passive: Names of passive joints, where the argument is of actuators.
+        passive: Names of passive joints, if the argument is about actuators.
 
     Raises:
-        ValueError: A number out of range, or a name that is unknown, ambiguous or of a passive
+        ValueError: A number is out of range, or a name is unknown, ambiguous or of a passive
             joint.
     """
     if isinstance(value, str):
@@ -159,10 +159,10 @@ def _numbers(argument: str, value: Any, aliases: Aliases) -> frozenset[int]:
 def _resolved(
     argument: str, name: str, aliases: Aliases, passive: Collection[str], *, several: bool
 ) -> list[int]:
-    """The numbers that go by this name."""
+    """Return the numbers that have this name."""
     matches = [k for k, names in enumerate(aliases) if name in names]
     if matches and (several or len({aliases[k] for k in matches}) == 1):
-        return matches  # one actuator may have several velocities, which are known alike
+        return matches  # an actuator may have several velocities, with the same names
     if matches:
         means = joined_names(aliases, matches)
         raise ValueError(f"{argument} must name one actuator, got {name!r}, which means {means}")
@@ -184,9 +184,9 @@ def _resolved(
 
 
 def joined_names(aliases: Aliases, numbers: Iterable[int]) -> str:
-    """These by name, by number where they have none: "knee, 3", or "[2, 3]" without any name.
+    """Join names, or numbers without a name: "knee, 3", or "[2, 3]" if there are no names.
 
-    Those that are known alike are named once.
+    Identical names are listed once.
     """
     listed = list(numbers)
     if not any(aliases[k] for k in listed):
@@ -195,15 +195,15 @@ def joined_names(aliases: Aliases, numbers: Iterable[int]) -> str:
 
 
 def involved_joints(basis: Array, aliases: Aliases, accuracy: float = ACCURACY) -> str:
-    """The joints with a noticeable share of an orthonormal basis, the largest share first.
+    """List the joints with a noticeable share of an orthonormal basis, the largest share first.
 
     Args:
-        basis: Columns over the joints, shape (len(known), .).
-        known: Names of the joints; one name on several rows is one joint.
-        accuracy: Part by which equal shares may differ.
+        basis: Columns over the joints, shape (len(aliases), .).
+        aliases: Names of the joints; rows with the same name belong to one joint.
+        accuracy: Relative difference up to which shares are equal.
 
     Returns:
-        A list in words such as "hip, knee and 2 more"; empty where no joint has a name.
+        Text such as "hip, knee and 2 more"; empty if no joint has a name.
     """
     shares: dict[str, float] = {}
     for names, row in zip(aliases, basis, strict=True):
@@ -218,14 +218,14 @@ def involved_joints(basis: Array, aliases: Aliases, accuracy: float = ACCURACY) 
 
 
 def failure_phrases(kind: str, aliases: Aliases, numbers: Iterable[int], failure: str) -> list[str]:
-    """Each with its failure: "knee locked", or "actuator 3 locked" without a name.
+    """Return each failure as text: "knee locked", or "actuator 3 locked" without a name.
 
-    The velocities of one passive joint, or of one actuator, have one word and are described once.
+    Velocities of one passive joint, or of one actuator, share a name and are listed once.
     """
     labels = (aliases[k][0] if aliases[k] else f"{kind} {k}" for k in sorted(numbers))
     return list(dict.fromkeys(f"{word} {failure}" for word in labels))
 
 
 def count_phrase(number: int, one: str, several: str) -> str:
-    """A number of things: "1 actuator", "2 actuators"."""
+    """Return a number of things as text: "1 actuator", "2 actuators"."""
     return f"{number} {one if number == 1 else several}"

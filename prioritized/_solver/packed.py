@@ -1,4 +1,4 @@
-"""Levels of least squares in the form that the kernel takes."""
+"""Levels of least squares in the form of the compiled solver."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -16,23 +16,23 @@ from prioritized._solver.limits import Limits
 from prioritized._solver.rank import ROUND_OFF, frobenius, norm
 
 _INT8 = np.dtype(np.int8)
-"""As it is looked up faster."""
+"""Data type of active sets; a constant because np.dtype(...) is slower."""
 
 
 class Packed(NamedTuple):
-    """Minimize |A_k x - b_k| level by level, lower <= x <= upper; B problems of one shape.
+    """Batch of B lexicographic problems min |A_k x - b_k|, lower <= x <= upper, of one shape.
 
     Attributes:
         A: Rows of all levels, one after the other, shape (B, k, n).
-        b: Shape (B, k).
-        ends: Where each level ends in A.
-        scales: Size of the matrices that each level's rows were made from, (B, levels); None is
-            their norms.
-        tolerance: Fraction of the scale below which a row depends on others.
+        b: Right-hand sides, shape (B, k).
+        ends: Index of the row in A after the last one of each level.
+        scales: Size of the matrices that each level's rows were computed from, (B, levels); None is
+            the norms of the rows.
+        tolerance: Fraction of the scale below which a row is linearly dependent.
         box: Lower and upper limits, (1, 2, n) or (B, 2, n).
-        own: Unknowns whose norm is least at last, the first ones; the others are of inequality
+        unknowns: Number of unknowns whose norm breaks ties; the others are slacks of inequality
             rows.
-        damping: Of each level, in units of its singular values; () is none.
+        damping: Damping of each level, in units of its singular values; () is none.
     """
 
     A: Array
@@ -46,16 +46,16 @@ class Packed(NamedTuple):
 
     @property
     def lower(self) -> Array:
-        """Shape (1, n) or (B, n)."""
+        """Lower bounds, shape (1, n) or (B, n)."""
         return self.box[:, 0]
 
     @property
     def upper(self) -> Array:
-        """Likewise."""
+        """Upper bounds, shape (1, n) or (B, n)."""
         return self.box[:, 1]
 
     def residual(self, x: Array) -> Array:
-        """What each row lacks, b - A x, shape (B, k)."""
+        """Return the residual b - A x of all rows, shape (B, k)."""
         return self.b - times(self.A, x)
 
     @property
@@ -67,7 +67,7 @@ class Packed(NamedTuple):
 
     @property
     def _target_size(self) -> Array:
-        """Size of the x that any level asks for, (B,)."""
+        """Size of the solution that the targets require: largest |b_k| / |A_k|, (B,)."""
         parts = np.split(self.b, self.ends[:-1], axis=1)
         norms = np.stack([np.linalg.norm(part, axis=1) for part in parts], axis=1)
         sizes = self._sizes
@@ -75,10 +75,10 @@ class Packed(NamedTuple):
         return size.max(axis=1)
 
     def at_bounds(self, x: Array) -> NDArray[np.int8]:
-        """-1 where x is at its lower bound, 1 where at the upper one, 0 elsewhere, (B, n).
+        """Return -1 where x is at its lower bound, 1 at the upper one, 0 elsewhere, (B, n).
 
-        By the values: which of several bounds that are reached at once a solver counts as active
-        depends on round-off.
+        Decided by value: if several bounds become active at once, it depends on round-off which of
+        them the solver counts.
         """
         zero = self._target_size[:, None] * ACCURACY
         at_lower = ~exceeds(x, self.lower, zero=zero)
@@ -87,33 +87,33 @@ class Packed(NamedTuple):
         return np.where(nearer, -1, at_upper).astype(np.int8)
 
     def level_residual(self, k: int, x: Array) -> Array:
-        """The same of one level, (B, .)."""
+        """Return the residual of one level, (B, .)."""
         first = self.ends[k - 1] if k else 0
         return self.residual(x)[:, first : self.ends[k]]
 
     def is_violated(self, levels: slice, x: Array) -> Mask:
-        """Whether these levels lack more than round-off, (B,)."""
+        """Return whether the residual of these levels exceeds round-off, (B,)."""
         first = 0 if not levels.start else self.ends[levels.start - 1]
         rows = slice(first, self.ends[levels.stop - 1])
         residual = self.residual(x)[:, rows]
         A, largest = np.abs(self.A[:, rows]), np.maximum(np.abs(self.lower), np.abs(self.upper))
         terms = times(A, np.abs(x)) + np.abs(self.b[:, rows])
-        # Where only zero is feasible, x is what the limits leave of round-off.
+        # Where only zero is feasible, x is round-off that the limits admit.
         tiny = 10.0 * ROUND_OFF * times(A, np.where(np.isfinite(largest), largest, 0.0))
-        # Of the size of what any level asks for, x has round-off even where it is zero.
+        # The round-off of x is relative to the largest solution that a level requires.
         round_off = self._target_size * self._sizes[:, levels].max(axis=1)
         allowed = self.tolerance * (np.linalg.norm(terms, axis=-1) + round_off)
         return np.linalg.norm(residual, axis=-1) > allowed + np.linalg.norm(tiny, axis=-1)
 
 
 class Point(NamedTuple):
-    """Where the solver ended, the batch axis first.
+    """Result of the solver, the batch axis first.
 
     Attributes:
-        x: Shape (B, n).
-        active: Bounds that the solver held last: -1 the lower, 1 the upper, 0 none, (B, n). Of
-            those that x is at, :meth:`Packed.at_bounds`, they are some.
-        report: What ``lexicographic_solve`` says of each problem, (B, 4).
+        x: Solution, shape (B, n).
+        active: Final active set: -1 lower bound, 1 upper bound, 0 inactive, (B, n). It is a subset
+            of the bounds that x is at, see :meth:`Packed.at_bounds`.
+        report: Report of ``lexicographic_solve`` on each problem, (B, 4).
     """
 
     x: Array
@@ -122,17 +122,17 @@ class Point(NamedTuple):
 
     @property
     def steps(self) -> NDArray[np.int64]:
-        """Of the active set, (B,)."""
+        """Number of steps of the active set, (B,)."""
         return self.report[:, 0].astype(np.int64)
 
     @property
     def ended(self) -> Mask:
-        """Whether x is the optimum: it always obeys the bounds, (B,)."""
+        """Return whether x is the optimum, (B,); the bounds hold in any case."""
         return self.report[:, 1] > 0.0
 
     @property
     def is_invalid(self) -> bool:
-        """Whether a number of the first problem is not finite or too large."""
+        """Return whether a number of the first problem is not finite or too large."""
         return bool(self.report[0, 1] < 0.0)
 
     @property
@@ -142,12 +142,13 @@ class Point(NamedTuple):
 
 
 def solve(packed: Packed, start: Point | None = None, most_steps: int | None = None) -> Point:
-    """The solution of each problem.
+    """Solve each problem.
 
     Args:
         packed: The problems.
-        start: The solution of similar problems: they start from its active set.
-        most_steps: Of the active set, for each problem; None is 20 (n + 1) for each level.
+        start: Solution of similar problems, whose active set is the initial one.
+        most_steps: Bound on the steps of the active set for each problem; None is 20 (n + 1) for
+            each level.
     """
     count, _, n = packed.A.shape
     warm = start is not None and start.x.shape == (count, n)
@@ -166,10 +167,10 @@ def solve(packed: Packed, start: Point | None = None, most_steps: int | None = N
 
 
 def solved(packed: Packed, start: Point | None = None, most_steps: int | None = None) -> Point:
-    """The solution of each problem, of numbers that were checked one by one.
+    """Solve each problem and refuse targets whose products with their weights overflow.
 
     Raises:
-        ValueError: A target times its weight is too large.
+        ValueError: A target times its weight is 1e120 or more.
     """
     point = solve(packed, start, most_steps)
     if (point.report[:, 1] < 0.0).any():
@@ -185,7 +186,7 @@ def _shape(
     damping: tuple[float, ...],
     batch: tuple[int, int, int, bool, int | None, float],
 ) -> tuple[Struct, int]:
-    """Problems of one shape as the kernel takes them, and the room that it needs."""
+    """Return the kernel's description of problems of one shape, and the workspace that it needs."""
     count, matrices, bounds, warm, most_steps, tolerance = batch
     problem = Struct(
         "lexicographic_problem",
@@ -205,16 +206,16 @@ def _shape(
 
 
 class Rows(NamedTuple):
-    """Inequality rows: lower <= G x <= upper, G (..., r, n)."""
+    """Inequality rows lower <= G x <= upper, G (..., r, n)."""
 
     G: Array
     limits: Limits
 
 
 class Equations(NamedTuple):
-    """A level: |A x - b| is to be least, A (..., k, n), b (..., k).
+    """Level of least squares that minimizes |A x - b|, A (..., k, n), b (..., k).
 
-    `scale` is the size of the matrices that A was made from.
+    `scale` is the size of the matrices that A was computed from.
     """
 
     A: Array
@@ -224,21 +225,21 @@ class Equations(NamedTuple):
 
 
 def equations(A: Array) -> Equations:
-    """A x = 0, of one matrix."""
+    """Return the level A x = 0 of one matrix."""
     return Equations(A, none((len(A),)), norm(A))
 
 
 @lru_cache
 def ends_of(*rows: int) -> tuple[int, ...]:
-    """Where levels of so many rows each end."""
+    """Return the end index of each level, given its number of rows."""
     return tuple(np.cumsum(rows).tolist())
 
 
 def pack(levels: Sequence[Equations | Rows], box: Limits, tolerance: float) -> Packed:
-    """The levels as the solver takes them.
+    """Convert levels to the form of the solver.
 
-    An inequality row g becomes the equation g x = |g| s, with one more unknown s between the limits
-    over |g|: its residual is what g x lacks to lie between them.
+    An inequality row g becomes the equation g x = |g| s, with an additional unknown s between the
+    limits divided by |g|: its residual is the violation of the limits.
     """
     n, blocks, slacks, (low, high), damping = box[0].shape[-1], [], 0, box, []
     for level in levels:
