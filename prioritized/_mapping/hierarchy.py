@@ -146,7 +146,7 @@ class HierarchySolution:
         ]
         if at_limits is not None:
             limits = [f"At a limit: {', '.join(at_limits)}."] if at_limits else []
-        damping = (f"Damping costs level {k} {error:.2g}." for k, error in self._costs())
+        damping = (f"Damping changes level {k} by {error:.2g}." for k, error in self._costs())
         return " ".join([as_sentence(self.status.value), *limits, *damping])
 
     def _costs(self) -> Iterator[tuple[int, float]]:

@@ -37,11 +37,11 @@ class Status(Enum):
         "active_limits, command less, or widen these limits"
     )
     LIMITED = (
-        "limits restrict the major task, which is achieved in the least-squares sense: "
+        "limits restrict the major task, which is met in the least-squares sense: "
         "see the residual and active_limits, command less, or widen these limits"
     )
     LEAST_SQUARES = (
-        "part of the major task is unreachable and is achieved in the least-squares sense: "
+        "part of the major task is unreachable and is met in the least-squares sense: "
         "see the residual, drop major rows, or restore an actuator"
     )
     UNSEEN = (
@@ -49,7 +49,7 @@ class Status(Enum):
         "drop major rows, or move away from the singularity"
     )
     DAMPED = "damping makes the major task inexact: see the residual, or set damping=0"
-    EXACT = "the major task is achieved exactly"
+    EXACT = "the major task is met exactly"
     OPTIMAL = "every level has its least residual"
 
 

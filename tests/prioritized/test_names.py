@@ -75,13 +75,13 @@ def test_names_of_another_number_are_refused():
 
 def test_the_atlas_speaks_and_understands_names():
     atlas, unnamed = failure_atlas(made(), [0]), failure_atlas(made(None), [0])
-    assert atlas.describe(0) == unnamed.describe(0) == "sound"
+    assert atlas.describe(0) == unnamed.describe(0) == "healthy"
     row = atlas.row(locked=["knee"], free=["hip_motor"])
     assert atlas.describe(row) == "knee locked, hip free"
     assert unnamed.row(locked=[1], free=[0]) == row
     assert unnamed.describe(row) == "actuator 1 locked, actuator 0 free"
     for code, words in zip(atlas.codes, map(atlas.describe, range(81)), strict=True):
-        pieces = [] if words == "sound" else words.split(", ")
+        pieces = [] if words == "healthy" else words.split(", ")
         locked, free = (
             [piece.removesuffix(end) for piece in pieces if piece.endswith(end)]
             for end in (" locked", " free")

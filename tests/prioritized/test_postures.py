@@ -100,7 +100,7 @@ def test_the_axes_of_a_batch_stay(drawn):
     ("J_T", "J_C", "said"),
     [
         (np.ones((2, 3, 4)), np.ones((3, 1, 4)), r"leading axes must broadcast, got J_T \(2,\)"),
-        (np.ones((0, 3, 4)), None, r"J_T and J_C must hold a posture at least"),
+        (np.ones((0, 3, 4)), None, r"J_T and J_C must hold at least one posture"),
     ],
 )
 def test_postures_that_do_not_fit_are_refused(J_T, J_C, said):

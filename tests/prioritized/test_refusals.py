@@ -38,10 +38,10 @@ TABLE: list[tuple[str, str, Any, str]] = [
     ("velocity_mapping", "major_metric", [0.0], "must weigh every major direction"),
     *(("velocity_mapping", f"{of}_weight", np.zeros(0), "shape") for of in ("joint", "secondary")),
     # It would cancel the major force, and every torque would come out zero.
-    *(("force_mapping", "secondary", along, "must leave out the major") for along in ALONG),
+    *(("force_mapping", "secondary", along, "must exclude the major") for along in ALONG),
     *(("system", "stiffness", *row) for row in NO_METRIC),
     *(("kinematics", "passive_metric", *row) for row in NO_METRIC),
-    *(("atlas", "codes", [[0, code]], r"must be 0 \(sound\), 1 \(locked\)") for code in (0.5, 3)),
+    *(("atlas", "codes", [[0, code]], r"must be 0 \(healthy\), 1 \(locked\)") for code in (0.5, 3)),
     *((call, kind, [-1], "") for call in ("with_failures", "row") for kind in ("locked", "free")),
 ]
 
