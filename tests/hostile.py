@@ -111,7 +111,7 @@ class Target(NamedTuple):
             for one, other in itertools.product(FEW, FEW):
                 yield {first: (label(one), one), second: (label(other), other)}
 
-    def drawn(self, data: st.DataObject) -> Wrong:
+    def sample(self, data: st.DataObject) -> Wrong:
         """Any two arguments, each with any of one of each kind."""
         pair = data.draw(st.sampled_from(list(itertools.combinations(self.names, 2))))
         return {name: data.draw(st.sampled_from(self.values(name, thin=True))) for name in pair}
@@ -241,7 +241,7 @@ class Room:
         several = [name for name in self.found if len(_parameters(*self.found[name])) > 1]
         of_one = self.targets(data.draw(st.sampled_from(several)))
         target = data.draw(st.sampled_from([each for each in of_one if len(each.names) > 1]))
-        assert not (said := self.complaint(target, target.drawn(data))), said
+        assert not (message := self.complaint(target, target.sample(data))), message
 
     def complaint(self, target: Target, wrong: Wrong) -> str | None:
         """What is wrong with the outcome of one call; None where nothing is."""
@@ -269,10 +269,10 @@ class Room:
 
     def _strange(self, error: Exception, names: Iterable[str]) -> str | None:
         text = str(error)
-        named = "must" in text and any(re.search(rf"\b{name}\b", text) for name in names)
+        listed = "must" in text and any(re.search(rf"\b{name}\b", text) for name in names)
         if type(error) in self.hard and "\n" not in text:
             return None
-        if type(error) not in self.errors or not named or "\n" in text or len(text) > 300:
+        if type(error) not in self.errors or not listed or "\n" in text or len(text) > 300:
             return f"raised {type(error).__name__}: {text[:200]!r}"
         return None
 

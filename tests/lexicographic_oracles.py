@@ -75,10 +75,10 @@ def _constraints(lower: np.ndarray, upper: np.ndarray, rows: Rows | None) -> Row
     G, lo, hi = np.eye(len(lower)), np.asarray(lower, float), np.asarray(upper, float)
     if rows is not None:
         size = np.linalg.norm(rows[0], axis=1)
-        kept = size > 0
-        G = np.vstack([G, rows[0][kept] / size[kept, None]])
-        lo = np.append(lo, rows[1][kept] / size[kept])
-        hi = np.append(hi, rows[2][kept] / size[kept])
+        retained = size > 0
+        G = np.vstack([G, rows[0][retained] / size[retained, None]])
+        lo = np.append(lo, rows[1][retained] / size[retained])
+        hi = np.append(hi, rows[2][retained] / size[retained])
     return G, lo, hi
 
 
@@ -142,25 +142,25 @@ def enumerated(levels: Levels, lower: np.ndarray, upper: np.ndarray) -> Known:
     possible &= np.where(low == high, cases < 0, True)
     of, which = np.nonzero(possible.all(axis=2))
     active = cases[which]
-    held = np.where(active < 0, lower[of], np.where(active > 0, upper[of], 0.0))
+    fixed = np.where(active < 0, lower[of], np.where(active > 0, upper[of], 0.0))
     free = active == 0
     E, e = np.zeros((count, 0, n)), np.zeros((count, 0))
     x, gap, condition = np.zeros((count, n)), np.full(count, np.inf), np.ones(count)
     for A, b in [*levels, (np.zeros((count, 0, n)), np.zeros((count, 0)))]:
         size = sizes(A) + (sizes(A) == 0)
         A, b = A / size[:, None, None], b / size[:, None]
-        kept = _Inverse(A, np.full(count, RANK)).Vt
-        A = A @ kept.mT @ kept  # or what does not count would choose among large x
+        retained = _Inverse(A, np.full(count, RANK)).Vt
+        A = A @ retained.mT @ retained  # or what does not count would choose among large x
         earlier = _Inverse(E[of] * free[:, None], np.full(len(of), RANK))
-        y = held + earlier.solve(e[of] - times(E[of], held))
-        rest = free[:, :, None] * np.eye(n) - earlier.Vt.mT @ earlier.Vt
-        level = _Inverse(A[of] @ rest, np.full(len(of), RANK))
+        y = fixed + earlier.solve(e[of] - times(E[of], fixed))
+        others = free[:, :, None] * np.eye(n) - earlier.Vt.mT @ earlier.Vt
+        level = _Inverse(A[of] @ others, np.full(len(of), RANK))
         y = y + level.solve(b[of] - times(A[of], y))
         slack = FEASIBLE * (1 + np.linalg.norm(y, axis=1))
-        kept = np.maximum(lower[of] - y, y - upper[of]).max(axis=1) <= slack
-        kept &= np.abs(times(E[of], y) - e[of]).max(axis=1, initial=0.0) <= slack
+        retained = np.maximum(lower[of] - y, y - upper[of]).max(axis=1) <= slack
+        retained &= np.abs(times(E[of], y) - e[of]).max(axis=1, initial=0.0) <= slack
         value = np.linalg.norm(times(A[of], y) - b[of] if len(b[0]) else y, axis=1)
-        value[~kept] = np.inf
+        value[~retained] = np.inf
         best = np.full(count, np.inf)
         np.minimum.at(best, of, value)
         gap[np.isinf(best)] = 0.0
@@ -256,11 +256,11 @@ def _program(
             [clarabel.NonnegativeConeT(len(top))],
             settings,
         )
-        found = solver.solve()
-        if str(found.status) in {"Solved", "AlmostSolved"}:
-            ratio = np.array(found.s) / np.maximum(np.array(found.z), 1e-300)
-            return x + Z @ to_y @ np.array(found.x), np.argsort(ratio)
-    raise RuntimeError(f"Clarabel ended with {found.status}")
+        result = solver.solve()
+        if str(result.status) in {"Solved", "AlmostSolved"}:
+            ratio = np.array(result.s) / np.maximum(np.array(result.z), 1e-300)
+            return x + Z @ to_y @ np.array(result.x), np.argsort(ratio)
+    raise RuntimeError(f"Clarabel ended with {result.status}")
 
 
 # The conditions of an optimum.
@@ -285,12 +285,12 @@ def _kkt(
     reached = room <= 1e-8 * unit
     _, Z = _solution(former.E, former.e, scale=1.0)
     descent = -Z.T @ (A.T @ (A @ x - b)) / size
-    multipliers, rest = np.zeros(len(top)), float(_norm(descent))
+    multipliers, others = np.zeros(len(top)), float(_norm(descent))
     if reached.any() and len(descent):
-        multipliers[reached], rest = nnls(Z.T @ G[reached].T, descent)
+        multipliers[reached], others = nnls(Z.T @ G[reached].T, descent)
     off = max(-room.min(initial=0.0), np.abs(former.E @ x - former.e).max(initial=0.0))
     balance = np.abs(multipliers * room).max(initial=0.0)
-    return max(float(off / unit), float(rest), float(balance / unit)), multipliers
+    return max(float(off / unit), float(others), float(balance / unit)), multipliers
 
 
 def certificate(

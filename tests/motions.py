@@ -32,13 +32,13 @@ def change(model: mujoco.MjModel, start: np.ndarray, end: np.ndarray) -> np.ndar
 
 
 def check_slope(
-    found: np.ndarray | float,
+    result: np.ndarray | float,
     of: Callable[[float], np.ndarray],
     h: float,
     most: float,
     round_off: float = 1e-9,
 ) -> None:
     """Central differences of h and h/2 come to the slope that was found as h^2."""
-    errors = [np.linalg.norm((np.asarray(of(s)) - of(-s)) / (2 * s) - found) for s in (h, h / 2)]
+    errors = [np.linalg.norm((np.asarray(of(s)) - of(-s)) / (2 * s) - result) for s in (h, h / 2)]
     assert errors[1] < most
     assert errors[1] < 0.3 * errors[0] + round_off

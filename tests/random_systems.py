@@ -31,15 +31,15 @@ def of_rank(rng: np.random.Generator, rows: int, columns: int, rank: int) -> np.
 
 
 @dataclass(frozen=True)
-class Drawn:
+class RandomSystem:
     """A system, the ranks it was made from, and numbers for whatever else the test needs."""
 
     system: ConstrainedSystem
-    reach: int  # dimension of the task velocities that the actuators reach
+    reachable: int  # dimension of the task velocities that the actuators reach
     bound: int  # number of active rates that the loops forbid
     internal: int  # dimension of the internal forces
     self_motion: int  # dimension of the task motion with every active joint held
-    idle: int  # dimension of the passive motion that the task does not see
+    unobservable: int  # dimension of the passive motion that the task does not see
     rng: np.random.Generator
 
 
@@ -50,34 +50,34 @@ def systems(
     actives: tuple[int, int] = (1, 4),
     tasks: tuple[int, int] = (1, 6),
     self_motion: bool = True,
-) -> Drawn:
+) -> RandomSystem:
     """Any mechanism: redundant rows, self-motion, idle joints, bound actuators, lost directions."""
     n, m = draw(st.integers(*actives)), draw(st.integers(*tasks))
-    held = draw(st.integers(0, 3))
+    fixed = draw(st.integers(0, 3))
     moved = draw(st.integers(0, min(m, 2))) if self_motion else 0
-    idle = draw(st.integers(0, 1)) if self_motion else 0
-    p = held + moved + idle
+    unobservable = draw(st.integers(0, 1)) if self_motion else 0
+    p = fixed + moved + unobservable
     bound, redundant = draw(st.integers(0, min(n, 2))), draw(st.integers(0, 2))
     lost = draw(st.integers(0, min(m, n - bound, 2)))
     rng = np.random.default_rng(draw(SEEDS))
 
-    c = held + bound + redundant
+    c = fixed + bound + redundant
     U, V = orthogonal(rng, c), orthogonal(rng, p)
-    J_Cp = U[:, :held] * rng.uniform(0.5, 2.0, size=held) @ V[:, :held].T
+    J_Cp = U[:, :fixed] * rng.uniform(0.5, 2.0, size=fixed) @ V[:, :fixed].T
     forbidden = of_rank(rng, bound, n, bound)
-    J_Ca = U[:, :held] @ rng.normal(size=(held, n)) + U[:, held : held + bound] @ forbidden
-    J_Tp = rng.normal(size=(m, held)) @ V[:, :held].T
-    J_Tp += of_rank(rng, m, p - held, moved) @ V[:, held:].T
+    J_Ca = U[:, :fixed] @ rng.normal(size=(fixed, n)) + U[:, fixed : fixed + bound] @ forbidden
+    J_Tp = rng.normal(size=(m, fixed)) @ V[:, :fixed].T
+    J_Tp += of_rank(rng, m, p - fixed, moved) @ V[:, fixed:].T
     Z = np.linalg.svd(forbidden)[2][bound:].T
-    reach = min(m, n - bound) - lost
-    J = of_rank(rng, m, n - bound, reach) @ Z.T + rng.normal(size=(m, bound)) @ forbidden
+    reachable = min(m, n - bound) - lost
+    J = of_rank(rng, m, n - bound, reachable) @ Z.T + rng.normal(size=(m, bound)) @ forbidden
     J_Ta = J + J_Tp @ np.linalg.pinv(J_Cp, rcond=ZERO) @ J_Ca
 
     order = rng.permutation(n + p)
     J_T, J_C = np.empty((m, n + p)), np.empty((c, n + p))
     J_T[:, order], J_C[:, order] = np.hstack([J_Ta, J_Tp]), np.hstack([J_Ca, J_Cp])
     system = ConstrainedSystem(J_T, J_C, order[:n])
-    return Drawn(system, reach, bound, bound + redundant, moved, idle, rng)
+    return RandomSystem(system, reachable, bound, bound + redundant, moved, unobservable, rng)
 
 
 @st.composite
@@ -112,7 +112,7 @@ def rows_of(data: st.DataObject, m: int) -> list[int]:
     return data.draw(st.lists(st.integers(0, m - 1), min_size=1, unique=True))
 
 
-def major_and_rest(data: st.DataObject, m: int) -> tuple[list[int], list[int]]:
+def major_and_secondary(data: st.DataObject, m: int) -> tuple[list[int], list[int]]:
     """Any major rows, at least one; and the others, in ascending order."""
     major = rows_of(data, m)
     return major, sorted(set(range(m)) - set(major))

@@ -62,5 +62,5 @@ def motions(system: ConstrainedSystem) -> np.ndarray:
 
 def self_motions(system: ConstrainedSystem, kin: Kinematics) -> np.ndarray:
     """Orthonormal basis of those with every active joint held, in all coordinates."""
-    held = np.eye(system.J_T.shape[1])[kin.active]
-    return null(np.vstack([closure(system), held]))
+    fixed = np.eye(system.J_T.shape[1])[kin.active]
+    return null(np.vstack([closure(system), fixed]))

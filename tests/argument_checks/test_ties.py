@@ -32,9 +32,9 @@ def test_the_last_bits_choose_nothing(numbers, seed, unit):
 def test_a_second_key_decides_among_equals_and_then_the_order(numbers, seed):
     rng = np.random.default_rng(seed)
     second = rng.integers(0, 3, size=len(numbers))
-    found = ascending(bits(rng, np.array(numbers)), bits(rng, second))
+    result = ascending(bits(rng, np.array(numbers)), bits(rng, second))
     expected = sorted(range(len(numbers)), key=lambda k: (numbers[k], second[k]))
-    assert found.tolist() == expected
+    assert result.tolist() == expected
 
 
 @given(SEEDS)

@@ -26,44 +26,44 @@ def copy(tmp_path):
     return place
 
 
-def python(folder: Path, *words: str, path: str | None = None) -> tuple[int, str]:
+def python(folder: Path, *labels: str, path: str | None = None) -> tuple[int, str]:
     """Exit code and last line on standard error of the interpreter."""
     environment = {k: v for k, v in os.environ.items() if k not in ("CC", "FJH_KERNELS")}
     environment |= {"PYTHONPATH": str(folder), "PATH": os.environ["PATH"] if path is None else path}
     done = subprocess.run(
-        [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True
+        [sys.executable, *labels], cwd=folder, env=environment, capture_output=True, text=True
     )
     return done.returncode, (done.stderr.strip().splitlines() or [""])[-1]
 
 
 def test_a_missing_library_is_one_sentence_that_says_what_to_do(copy):
     (copy / build.LIBRARY.name).unlink()
-    code, said = python(copy.parent, "-c", "import kernels")
-    assert code == 1 and "is missing: compile the kernels of fjh first" in said
+    code, message = python(copy.parent, "-c", "import kernels")
+    assert code == 1 and "is missing: compile the kernels of fjh first" in message
 
 
 @pytest.mark.long  # it compiles all kernels
 def test_a_library_of_other_sources_is_refused_until_it_is_built_anew(copy):
     file = copy / "digest.c"
     file.write_text(file.read_text() + "\n")
-    code, said = python(copy.parent, "-c", "import kernels")
-    assert code == 1 and "was built from other sources: compile" in said
+    code, message = python(copy.parent, "-c", "import kernels")
+    assert code == 1 and "was built from other sources: compile" in message
     assert python(copy.parent, str(copy / "build.py")) == (0, "")
     assert python(copy.parent, "-c", "import kernels") == (0, "")
 
 
 def test_without_a_compiler_the_build_ends_with_one_sentence(copy, tmp_path):
-    code, said = python(copy.parent, str(copy / "build.py"), path=str(tmp_path))
+    code, message = python(copy.parent, str(copy / "build.py"), path=str(tmp_path))
     assert code == 1
-    assert said.startswith("fjh needs a C compiler to be installed, and found none")
-    assert "ziglang" in said
+    assert message.startswith("fjh needs a C compiler to be installed, and found none")
+    assert "ziglang" in message
 
 
 @pytest.mark.long  # it compiles all kernels
 def test_what_the_compiler_complains_of_is_one_sentence_and_nothing_half_built_is_left(copy):
     (copy / "digest.c").write_text("mistake\n")
-    code, said = python(copy.parent, str(copy / "build.py"))
-    assert code == 1 and "cannot compile the kernels of fjh" in said and "mistake" in said
+    code, message = python(copy.parent, str(copy / "build.py"))
+    assert code == 1 and "cannot compile the kernels of fjh" in message and "mistake" in message
     assert not [file for file in copy.iterdir() if file.suffix == ".so" and file.name[0].isdigit()]
 
 

@@ -64,19 +64,19 @@ def rigid(system: ConstrainedSystem) -> ConstrainedSystem:
     return made.with_failures(known.locked, known.free, known.locked_passive)
 
 
-def conditions_alone(data, drawn, count: int | None) -> None:
+def conditions_alone(data, sample, count: int | None) -> None:
     """Redundant rows, self-motion, springs, failures already there, any limits: row by row."""
-    system, n = drawn.system, len(drawn.system.active)
+    system, n = sample.system, len(sample.system.active)
     elastic = data.draw(st.booleans())
     if elastic:
-        R = data.draw(springs(system.J_T.shape[1], drawn.rng))
+        R = data.draw(springs(system.J_T.shape[1], sample.rng))
         system = with_stiffness(system, R.T @ R)
     if data.draw(st.booleans()):
         system = data.draw(failures(system))
     m = len(system.J_T)
     major = rows_of(data, m)
     secondary = sorted(set(range(m)) - set(major))
-    codes = None if count is None else drawn.rng.integers(0, 3, size=(count, n))
+    codes = None if count is None else sample.rng.integers(0, 3, size=(count, n))
     rates, torques = (data.draw(pairs(n)), data.draw(pairs(n))) if len(major) <= 3 else (None, None)
     atlas = failure_atlas(system, major, None, codes, rate_limits=rates, torque_limits=torques)
     if codes is None:
@@ -94,14 +94,14 @@ def conditions_alone(data, drawn, count: int | None) -> None:
 
 
 @given(st.data(), systems(actives=(1, 3), tasks=(1, 3)))
-def test_some_conditions_have_the_verdicts_and_speeds_they_have_alone(data, drawn):
-    conditions_alone(data, drawn, 3)
+def test_some_conditions_have_the_verdicts_and_speeds_they_have_alone(data, sample):
+    conditions_alone(data, sample, 3)
 
 
 @pytest.mark.long
 @given(st.data(), systems())
-def test_every_condition_has_the_verdicts_and_speeds_it_has_alone(data, drawn):
-    conditions_alone(data, drawn, None)
+def test_every_condition_has_the_verdicts_and_speeds_it_has_alone(data, sample):
+    conditions_alone(data, sample, None)
 
 
 @given(SEEDS, st.integers(1, 4))
@@ -149,8 +149,8 @@ def test_each_condition_may_have_limits_of_its_own(seed):
         one = failure_atlas(arm, [0, 1], codes=[code], rate_limits=limits, torque_limits=limits)
         for name in ("worst_speed", "worst_force"):
             for many in (both, parts):
-                found = getattr(many, name)[row]
-                np.testing.assert_allclose(found, getattr(one, name)[0], rtol=1e-9)
+                result = getattr(many, name)[row]
+                np.testing.assert_allclose(result, getattr(one, name)[0], rtol=1e-9)
 
 
 def test_the_limits_of_failed_actuators_do_not_matter():
@@ -178,8 +178,8 @@ def test_one_motor_moves_the_task_at_its_gain_however_soft_the_springs(seed):
     rng = np.random.default_rng(seed)
     J_T, J_C = rng.normal(size=(1, 6)), rng.normal(size=(3, 6))
     free = spaces.null(np.vstack([J_C, np.eye(6)[5]])).T
-    beside = spaces.null(free) @ rng.normal(size=4)
-    R = np.vstack([rng.normal(size=6), 1.5e-3 * free[1] + beside])
+    combined = spaces.null(free) @ rng.normal(size=4)
+    R = np.vstack([rng.normal(size=6), 1.5e-3 * free[1] + combined])
     system = ConstrainedSystem(J_T, J_C, [5], stiffness=R.T @ R)
     classes = failure_atlas(system, [0], codes=[[0]], rate_limits=(-1, 1)).elastic
     assert classes is not None and classes.worst_speed is not None

@@ -25,9 +25,9 @@ def largest(d, equalities, x_of, limits) -> float:
     room = np.concatenate([upper[np.isfinite(upper)], -lower[np.isfinite(lower)]])
     none = np.zeros(len(equalities))
     for goal in (1.0, 0.0):  # the solver may not tell unbounded from infeasible
-        found = linprog(-goal * d, rows, room, equalities, none, bounds=[(None, None)] * len(d))
-        if found.status == 0:
-            return -found.fun if goal else np.inf
+        result = linprog(-goal * d, rows, room, equalities, none, bounds=[(None, None)] * len(d))
+        if result.status == 0:
+            return -result.fun if goal else np.inf
     return -np.inf
 
 
@@ -38,18 +38,18 @@ def directions(rng: np.random.Generator, m1: int, count: int = 10) -> np.ndarray
 
 @pytest.mark.parametrize("of", ["velocities", "forces"])
 @given(st.data(), systems(actives=(1, 4), tasks=(1, 4)))
-def test_the_support_is_the_optimum_over_all_motions_or_equilibria(of, data, drawn):
+def test_the_support_is_the_optimum_over_all_motions_or_equilibria(of, data, sample):
     """Linear programs: all N velocities that close the loops; forces on all joints, eq. (5)."""
     rates = of == "velocities"
     system, N, m = (
-        data.draw(failures(drawn.system)),
-        drawn.system.J_T.shape[1],
-        len(drawn.system.J_T),
+        data.draw(failures(sample.system)),
+        sample.system.J_T.shape[1],
+        len(sample.system.J_T),
     )
     major, limits = rows_of(data, m), data.draw(pairs(len(system.active)))
     kin, stuck = system.kinematics(), spaces.stuck_joints(system)
     survivors = tuple(limit[kin.actuators] for limit in limits)
-    D = drawn.rng.permutation(directions(drawn.rng, len(major), 3))[:2]
+    D = sample.rng.permutation(directions(sample.rng, len(major), 3))[:2]
     if rates:
         # xi of eq. (10) is nobody's to command.
         closed = np.vstack([system.J_C, np.eye(N)[stuck], spaces.self_motions(system, kin).T])
@@ -69,13 +69,13 @@ def basic_points(a: Attainable) -> np.ndarray:
     r, n = C.shape
     points = []
     for basic in map(list, itertools.combinations(range(n), r)):
-        rest = [i for i in range(n) if i not in basic]
+        others = [i for i in range(n) if i not in basic]
         if r and np.linalg.svd(C[:, basic], compute_uv=False)[-1] < 1e-9:
             continue
-        for corner in itertools.product(*((a.lower[i], a.upper[i]) for i in rest)):
+        for corner in itertools.product(*((a.lower[i], a.upper[i]) for i in others)):
             x = np.zeros(n)
-            x[rest] = corner
-            x[basic] = np.linalg.solve(C[:, basic], -C[:, rest] @ corner)
+            x[others] = corner
+            x[basic] = np.linalg.solve(C[:, basic], -C[:, others] @ corner)
             if (x >= a.lower - 1e-9).all() and (x <= a.upper + 1e-9).all():
                 points.append(a.gain @ x)
     return np.array(points).reshape(-1, len(a.gain))
@@ -93,11 +93,11 @@ def radius_of(points: np.ndarray) -> float:
 
 
 @given(st.data(), systems(actives=(1, 4), tasks=(1, 3), self_motion=False))
-def test_the_radius_is_that_of_the_hull_of_all_extreme_motions(data, drawn):
+def test_the_radius_is_that_of_the_hull_of_all_extreme_motions(data, sample):
     """Every corner of the set is an extreme motion, and in each direction a corner is farthest."""
-    n, m = len(drawn.system.active), len(drawn.system.J_T)
+    n, m = len(sample.system.active), len(sample.system.J_T)
     major, limits = rows_of(data, m), data.draw(pairs(n, infinite=False))
-    a = drawn.system.kinematics().attainable(major, limits)
+    a = sample.system.kinematics().attainable(major, limits)
     points = basic_points(a)
     assert (a.status is AttainableStatus.EMPTY) == (len(points) == 0)
     assert (a.status is AttainableStatus.INTERIOR) == (a.radius > 0)
@@ -107,7 +107,7 @@ def test_the_radius_is_that_of_the_hull_of_all_extreme_motions(data, drawn):
     expected = radius_of(points)
     np.testing.assert_allclose(a.radius, expected, atol=1e-8)
     assert (a.radius > 0) == (expected > 1e-8)  # round-off is no room
-    D = directions(drawn.rng, len(major), 30)
+    D = directions(sample.rng, len(major), 30)
     if a.status is AttainableStatus.INTERIOR:
         np.testing.assert_allclose((a.vertices @ D.T).max(axis=0), a.support(D), atol=1e-8)
     for corner in a.vertices:
@@ -124,11 +124,11 @@ def test_a_set_grows_with_its_limits(unit):
 
 
 @given(st.data(), systems(actives=(1, 4), tasks=(1, 3)))
-def test_no_limits_are_limits_that_are_wide_enough(data, drawn):
+def test_no_limits_are_limits_that_are_wide_enough(data, sample):
     """An infinite limit is the end of wider and wider ones, for velocities and for forces."""
-    n, m = len(drawn.system.active), len(drawn.system.J_T)
+    n, m = len(sample.system.active), len(sample.system.J_T)
     major, (lower, upper) = rows_of(data, m), data.draw(pairs(n))
-    kin = drawn.system.kinematics()
+    kin = sample.system.kinematics()
     wide, wider = ((np.clip(lower, -far, None), np.clip(upper, None, far)) for far in (1e5, 1e6))
     for attainable in (kin.attainable, kin.attainable_force):
         endless, ended = attainable(major, (lower, upper)), attainable(major, wide)
@@ -224,12 +224,12 @@ def test_the_status_says_why_the_radius_is_zero():
 def test_what_the_structure_bears_has_no_limit():
     """A crane whose slewing is locked: any moment about the mast, without a torque."""
     locked = arm().with_failures(locked=[0]).kinematics()
-    held = locked.attainable_force([0, 1], (-1, 1))
-    assert_set(held, AttainableStatus.INTERIOR, 1.0, np.inf, [1, 0])
-    assert held.support([0, 1]) == pytest.approx(1.0)
-    assert not held.bounded
-    assert "no limit" in str(held)
-    assert not held.vertices.size
+    fixed = locked.attainable_force([0, 1], (-1, 1))
+    assert_set(fixed, AttainableStatus.INTERIOR, 1.0, np.inf, [1, 0])
+    assert fixed.support([0, 1]) == pytest.approx(1.0)
+    assert not fixed.bounded
+    assert "no limit" in str(fixed)
+    assert not fixed.vertices.size
     assert arm().kinematics().attainable([0, 1]).radius == np.inf
     assert arm().kinematics().attainable([0, 1], (-1, 1)).bounded
 

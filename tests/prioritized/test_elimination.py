@@ -27,16 +27,16 @@ def with_a_row_of_zeros(system):
 
 
 @given(st.data(), systems())
-def test_a_row_of_zeros_changes_no_motion_and_no_verdict(data, drawn):
+def test_a_row_of_zeros_changes_no_motion_and_no_verdict(data, sample):
     """However many rows say the same: one mechanism."""
-    system = data.draw(failures(drawn.system))
+    system = data.draw(failures(sample.system))
     kin, more = system.kinematics(), with_a_row_of_zeros(system).kinematics()
     np.testing.assert_allclose(kin.J, more.J, atol=1e-9)
     np.testing.assert_allclose(kin.passive_gain, more.passive_gain, atol=1e-9)
     spaces.assert_same(kin.self_motion, more.self_motion, 1e-9)
     forbidden = kin.active_constraint, more.active_constraint
     np.testing.assert_allclose(*(rows.T @ rows for rows in forbidden), atol=1e-9)
-    f = drawn.rng.normal(size=len(kin.J))
+    f = sample.rng.normal(size=len(kin.J))
     c, forces = len(system.J_C), (kin.constraint_force(f), more.constraint_force(f))
     np.testing.assert_allclose(forces[0], np.delete(forces[1], c), atol=1e-9)
     major = rows_of(data, len(kin.J))

@@ -27,9 +27,9 @@ def assert_same_mechanism(one: Kinematics, two: Kinematics, atol: float = 1e-7) 
 
 
 @given(st.data(), systems())
-def test_a_mixture_of_failures_is_the_printed_model_with_unit_rows(data, drawn):
+def test_a_mixture_of_failures_is_the_printed_model_with_unit_rows(data, sample):
     """Section 2.3.2: E under J_C for what is stuck, and all that failed among the passive."""
-    failed = data.draw(failures(drawn.system))
+    failed = data.draw(failures(sample.system))
     gone = sorted(failed.failures.locked | failed.failures.free)
     left = np.delete(failed.active, gone)
     printed = ConstrainedSystem(failed.J_T, spaces.closure(failed), left)
@@ -42,39 +42,39 @@ def test_a_mixture_of_failures_is_the_printed_model_with_unit_rows(data, drawn):
 
 
 @given(st.data(), systems(actives=(2, 4)))
-def test_failures_come_in_any_order_and_may_be_told_twice(data, drawn):
+def test_failures_come_in_any_order_and_may_be_told_twice(data, sample):
     """One by one, repeated and shuffled, or all at once: the same broken mechanism."""
-    at_once = data.draw(failures(drawn.system))
+    at_once = data.draw(failures(sample.system))
     broken = at_once.failures
     events = [{"locked": [k]} for k in broken.locked] + [{"free": [k]} for k in broken.free]
     events += [{"locked_passive": [k]} for k in broken.locked_passive]
     # A released actuator that jams later, or is reported released after it jammed, is locked.
     events += [{"free": [k]} for k in data.draw(st.sets(st.sampled_from([*broken.locked, -1])))]
     events = [event for event in events if event != {"free": [-1]}]
-    system = drawn.system
+    system = sample.system
     for event in data.draw(st.permutations(events + events)):
         system = system.with_failures(**event)
     assert system.failures == broken
     np.testing.assert_array_equal(system.kinematics().J, at_once.kinematics().J)
-    assert not drawn.system.failures.locked  # the healthy one stays as it was
+    assert not sample.system.failures.locked  # the healthy one stays as it was
 
 
 @given(st.data(), systems(actives=(2, 4)), st.booleans(), st.booleans())
-def test_what_is_given_for_all_actuators_is_cut_to_the_survivors(data, drawn, square, tie_square):
+def test_what_is_given_for_all_actuators_is_cut_to_the_survivors(data, sample, square, tie_square):
     """A controller keeps its weights when an actuator fails: those of the failed have no say."""
-    system, n = data.draw(failures(drawn.system)), len(drawn.system.active)
-    kin, rng = system.kinematics(), drawn.rng
+    system, n = data.draw(failures(sample.system)), len(sample.system.active)
+    kin, rng = system.kinematics(), sample.rng
     W, T = (rng.uniform(0.5, 2.0, size=(n, n) if each else n) for each in (square, tie_square))
     limits, R = (-rng.uniform(0.1, 1, n), rng.uniform(0.1, 1, n)), rng.normal(size=(1, n))
     left = kin.actuators
     cut = W[..., left], T[..., left], (limits[0][left], limits[1][left]), R[:, left]
-    found = []
+    result = []
     for weight, metric, box, rows in ((W, T, limits, R), cut):
         levels = [Task([0]), Task.joints(weight)]
         bounds = {"rate_limits": box, "rate_rows": (rows, -0.1, 0.1)}
         hierarchy = kin.hierarchy(levels, tie_metric=metric, **bounds)
         limited = kin.velocity_mapping([0], None, weight, tie_metric=metric, **bounds)
-        found.append(
+        result.append(
             [
                 kin.velocity_mapping([0], None, weight, tie_metric=metric).major,
                 kin.force_mapping([0], None, weight, tie_metric=metric).major,
@@ -82,7 +82,7 @@ def test_what_is_given_for_all_actuators_is_cut_to_the_survivors(data, drawn, sq
                 hierarchy.solve([[1.0], None]).rates,
             ]
         )
-    for wide, narrow in zip(*found, strict=True):
+    for wide, narrow in zip(*result, strict=True):
         np.testing.assert_array_equal(wide, narrow)
     everyone = kin.expand(np.arange(1.0, n + 1)[left])
     np.testing.assert_array_equal(np.flatnonzero(everyone), left)

@@ -47,13 +47,13 @@ TRUSTED = {
 FOUND = public(prioritized, Postures, one_level, one_target, trusted=TRUSTED)
 
 
-def numbers(found: Any, **more: Any) -> dict[str, Any]:
+def numbers(result: Any, **more: Any) -> dict[str, Any]:
     """All public numbers of what the library returns, its status, and what it makes of ones."""
     names = "x rates torques residual residuals scale gains active gap steps certificate status"
     names += " secondary_force internal_force active_rows active_limits damping_errors J gain"
     names += " self_motion active_constraint passive_gain passive_self_motion major joint secondary"
     names += " achieved reaction vertices findings worst_gain"
-    return {name: getattr(found, name) for name in names.split() if hasattr(found, name)} | more
+    return {name: getattr(result, name) for name in names.split() if hasattr(result, name)} | more
 
 
 def velocities(mapping: VelocityMapping) -> dict[str, Any]:
@@ -79,7 +79,7 @@ def mechanism(kin: Kinematics) -> dict[str, Any]:
     return numbers(kin, f_C=f_C, report=numbers(kin.manipulability([0])))
 
 
-def reach(a: prioritized.Attainable) -> dict[str, Any]:
+def extent(a: prioritized.Attainable) -> dict[str, Any]:
     """Infinite where no limit is."""
     return numbers(a, radius_gap=a.radius, support_gap=a.support(np.eye(len(a.gain))), said=str(a))
 
@@ -104,14 +104,14 @@ def room() -> Room:
     one = velocity_mapping(J, [0, 1], **weighed)
     within = velocity_mapping(J, [0, 1], rate_limits=(-np.ones(4), 0.2))
     force = force_mapping(J, [0, 1], **forced)
-    held = force_mapping(J, [0, 1], torque_limits=(-np.ones(4), 0.2))
+    fixed = force_mapping(J, [0, 1], torque_limits=(-np.ones(4), 0.2))
 
     def limits(n: int) -> np.ndarray:
         return rng.random((2, n)) - [[1], [0]]
 
-    def met(tick: Tick) -> dict[str, Any]:
-        found = tick(**ticked)
-        return {} if found is None else {"velocities": found}
+    def solve_tick(tick: Tick) -> dict[str, Any]:
+        result = tick(**ticked)
+        return {} if result is None else {"velocities": result}
 
     no_limits: dict[str, Any] = {"rate_limits": ..., "rate_rows": ..., "when_limited": ...}
     no_forces: dict[str, Any] = {"torque_limits": ..., "torque_rows": ..., "force_rows": ...}
@@ -168,7 +168,7 @@ def room() -> Room:
         | {"scale": 3.0},
         "force_mapping within limits": box(torque_weight=np.ones(4), torque_limits=limits(4))
         | {"torque_rows": rows, "force_rows": (J[:1, :3], -1.0, 1.0), "when_limited": "scaled"},
-        "ForceMapping.solve": {"self": held, "start": held.solve(np.ones(2))},
+        "ForceMapping.solve": {"self": fixed, "start": fixed.solve(np.ones(2))},
         "ConstrainedSystem": {"geometry_accuracy": ..., "accuracy": ...},
         "ConstrainedSystem of a model": {"geometry_accuracy": 1e-9, "names": good["names"]},
         "ConstrainedSystem with its accuracy": {"accuracy": None},
@@ -212,12 +212,12 @@ def room() -> Room:
     of |= {"Postures": system.postures(many_J_T, many_J_C), "ConstrainedSystem": system}
     of |= {"Attainable": kin.attainable([0, 1], (-1.0, 1.0)), "Hierarchy": hierarchy}
     uses = {
-        **{"VelocityMapping": velocities, "ForceMapping": torques, "Attainable": reach},
-        **{"Postures": numbers, "Tick": met, "HierarchySolution": numbers},
+        **{"VelocityMapping": velocities, "ForceMapping": torques, "Attainable": extent},
+        **{"Postures": numbers, "Tick": solve_tick, "HierarchySolution": numbers},
         **{"ConstrainedSystem": lambda made: mechanism(made.kinematics()), "Kinematics": mechanism},
         **{"Task": lambda task: numbers(kin.hierarchy([task]).solve([None]))},
         **dict.fromkeys(("Solution", "VelocitySolution", "ForceSolution"), numbers),
-        "Hierarchy": lambda asked: numbers(asked.solve(good["targets"])),
+        "Hierarchy": lambda requested: numbers(requested.solve(good["targets"])),
     }
     ranges = {"scale": (0, np.inf), "damping": (0, np.inf), "rank_tolerance": (0, 0.5)}
     return Room(

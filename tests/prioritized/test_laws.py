@@ -26,7 +26,7 @@ from prioritized import (
 from prioritized._mechanism.names import Names
 from tests.frozen import writable
 from tests.profiles import examples
-from tests.random_systems import SEEDS, failures, major_and_rest, orthogonal, systems, weights
+from tests.random_systems import SEEDS, failures, major_and_secondary, orthogonal, systems, weights
 
 MADE = pytest.mark.parametrize("made", [velocity_mapping, force_mapping])
 
@@ -42,28 +42,28 @@ def by_gains(mapping, *aims):
 
 @given(st.data(), systems(), st.sampled_from([0.3, 3.0, np.inf]))
 @examples(200)
-def test_every_way_to_the_rates_gives_the_same(data, drawn, size):
+def test_every_way_to_the_rates_gives_the_same(data, sample, size):
     """Of any ranks, after any failures, at another pose, within limits and without."""
-    here, rng = data.draw(failures(drawn.system)), drawn.rng
-    N_all, first = len(drawn.system.active), here.kinematics()
+    here, rng = data.draw(failures(sample.system)), sample.rng
+    N_all, first = len(sample.system.active), here.kinematics()
     there = here.at(orthogonal(rng, len(here.J_T)) @ here.J_T)
     kin = there.kinematics()
     m, n = kin.J.shape
-    major, rest = major_and_rest(data, m)
-    W = data.draw(weights(N_all, rng)), data.draw(weights(len(rest), rng))
+    major, others = major_and_secondary(data, m)
+    W = data.draw(weights(N_all, rng)), data.draw(weights(len(others), rng))
     lower, upper = (size * rng.uniform(0.5, 2.0, N_all) for _ in range(2))
     box, wide = (-lower, upper), (-20 * lower, 20 * upper)
     own = -lower[kin.actuators], upper[kin.actuators]
-    aims = rng.normal(size=len(major)), rng.normal(size=n), rng.normal(size=len(rest))
+    aims = rng.normal(size=len(major)), rng.normal(size=n), rng.normal(size=len(others))
 
     made = kin.velocity_mapping(major, None, *W, rate_limits=box)
-    found = made.solve(*aims)
+    result = made.solve(*aims)
     free, known = kin.velocity_mapping(major, None, *W), first.velocity_mapping(major, None, *W)
     known(*aims)  # it remembers what it was called with
     before = first.velocity_mapping(major, None, *W, rate_limits=wide)
     before(*aims)
     moved = known.at(kin, rate_limits=box)
-    ways: dict[str, Any] = {
+    methods: dict[str, Any] = {
         "called": made,
         "called with lists": lambda *aims: made(*(aim.tolist() for aim in aims)),
         "within": free.with_limits(own),
@@ -79,13 +79,13 @@ def test_every_way_to_the_rates_gives_the_same(data, drawn, size):
         ),
         "one of a batch of targets": lambda *aims: made(*(np.stack([a, -a]) for a in aims))[0],
     }
-    scale = max(1.0, np.abs(found.rates).max(initial=0.0))
-    for name, way in ways.items():
+    scale = max(1.0, np.abs(result.rates).max(initial=0.0))
+    for name, method in methods.items():
         loose = 1e-6 if "postures" in name else 1e-9 * scale
-        np.testing.assert_allclose(way(*aims), found.rates, rtol=0, atol=loose, err_msg=name)
+        np.testing.assert_allclose(method(*aims), result.rates, rtol=0, atol=loose, err_msg=name)
     assert moved.status is made.status
-    assert ((own[0] <= found.rates) & (found.rates <= own[1])).all()
-    nothing = aims[0], np.zeros(n), np.zeros(len(rest))
+    assert ((own[0] <= result.rates) & (result.rates <= own[1])).all()
+    nothing = aims[0], np.zeros(n), np.zeros(len(others))
     for mapping in (free, known.at(kin)):
         np.testing.assert_allclose(mapping(*aims), by_gains(mapping, *aims), atol=1e-7)
         np.testing.assert_allclose(mapping(aims[0]), by_gains(mapping, *nothing), atol=1e-7)
@@ -106,8 +106,8 @@ def test_arrays_of_any_type_and_order_of_memory_are_taken(kind):
         expected = velocity_mapping(J.astype(float), [0], **arguments)([1.0], np.ones(3))
         arguments |= {"joint_weight": other(w)}
         arguments |= {"rate_limits": limits and tuple(map(other, limits))}
-        found = velocity_mapping(other(J), [0], **arguments)(other(np.ones(1)), other(np.ones(3)))
-        np.testing.assert_allclose(found, expected, atol=1e-15)
+        result = velocity_mapping(other(J), [0], **arguments)(other(np.ones(1)), other(np.ones(3)))
+        np.testing.assert_allclose(result, expected, atol=1e-15)
         arguments |= {"joint_weight": np.diag(w)}
         np.testing.assert_allclose(
             velocity_mapping(J, [0], **arguments)([1], [1] * 3), expected, atol=1e-15
@@ -139,11 +139,11 @@ def test_the_solution_of_the_tick_before_is_a_start(of):
                 hierarchy = kin.hierarchy([Task([0, 1]), Task([2, 3])], rate_limits=limits)
                 return hierarchy.solve([v[:2], v[2:]], start=start)
             mapping = kin.velocity_mapping if of == "velocity" else kin.force_mapping
-            named = {"rate_limits" if of == "velocity" else "torque_limits": limits}
-            return mapping([0, 1], **named).solve(v[:2], start=start)
+            listed = {"rate_limits" if of == "velocity" else "torque_limits": limits}
+            return mapping([0, 1], **listed).solve(v[:2], start=start)
 
         cold, warm = solve(1.01 * v), solve(1.01 * v, solve(v))
-        points = [getattr(found, "optimum", found).point for found in (cold, warm)]
+        points = [getattr(result, "optimum", result).point for result in (cold, warm)]
         np.testing.assert_allclose(points[1].x, points[0].x, rtol=0, atol=1e-9)
         steps += [point.steps[0] for point in points]
     assert steps[1] < steps[0]
@@ -176,8 +176,8 @@ def contradictions() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]
 
 
 def test_arguments_that_contradict_each_other_are_refused():
-    for said, call, arguments in contradictions():
-        with pytest.raises(ValueError, match=said) as error:
+    for message, call, arguments in contradictions():
+        with pytest.raises(ValueError, match=message) as error:
             call(**arguments)
         assert "\n" not in str(error.value)
 
@@ -244,8 +244,8 @@ def test_any_arguments_may_be_batches_with_or_without_secondary_rows(made, data,
         return np.broadcast_to(A, (*lead, *A.shape[A.ndim - own :]))[at]
 
     def answers(of: Any, *aims: np.ndarray) -> list[np.ndarray]:
-        found = [getattr(of, kind)(*aims) for kind in kinds]
-        return [*found, of.residual(aims[0]), *(np.asarray(getattr(of, name)) for name in names)]
+        result = [getattr(of, kind)(*aims) for kind in kinds]
+        return [*result, of.residual(aims[0]), *(np.asarray(getattr(of, name)) for name in names)]
 
     together = answers(mapping, *inputs)
     for at in np.ndindex(lead):
@@ -281,19 +281,19 @@ def test_a_batch_within_limits_has_the_answers_of_its_elements(when, constrained
     C = rng.normal(size=(4, 1, 5)) if constrained else None
     task: Any = {"major": [0, 1], "joint_weight": np.ones(5)}
     task |= {"rate_limits": (-0.3, 0.4), "when_limited": when}
-    found = velocity_mapping(J, active_constraint=C, **task).solve(v)
+    result = velocity_mapping(J, active_constraint=C, **task).solve(v)
     for i, k in np.ndindex(2, 4):
         C_k = None if C is None else C[k]
         alone = velocity_mapping(J[k], active_constraint=C_k, **task).solve(v[i, k])
-        np.testing.assert_allclose(found.rates[i, k], alone.rates, atol=1e-9)
-        np.testing.assert_allclose(found.scale[i, k], alone.scale, atol=1e-9)
-        assert found.limited[i, k] == alone.limited
-        np.testing.assert_allclose(found.gains[i, k], alone.gains, atol=1e-7)
+        np.testing.assert_allclose(result.rates[i, k], alone.rates, atol=1e-9)
+        np.testing.assert_allclose(result.scale[i, k], alone.scale, atol=1e-9)
+        assert result.limited[i, k] == alone.limited
+        np.testing.assert_allclose(result.gains[i, k], alone.gains, atol=1e-7)
 
 
 # Results are frozen, their own, and the same in every thread.
 
-Way = Callable[[np.ndarray], np.ndarray]
+Method = Callable[[np.ndarray], np.ndarray]
 UNKEPT = "least squares"
 THREADED = [
     *(
@@ -309,7 +309,7 @@ THREADED = [
 ]
 
 
-def ways(J: Any, w: Any, low: Any, high: Any, v: Any) -> dict[str, Way]:
+def methods(J: Any, w: Any, low: Any, high: Any, v: Any) -> dict[str, Method]:
     """Answers to two numbers, of records made from these arrays; or to v, whatever is asked."""
     box = low, high
     kin = ConstrainedSystem(J, None, range(6)).kinematics()
@@ -346,27 +346,29 @@ def fresh() -> list[np.ndarray]:
 
 def test_what_was_given_may_change_afterwards():
     """A mapping, a mechanism and a solution keep copies."""
-    given_, kept, asked = fresh(), fresh(), np.array([0.3, -0.2])
-    found, expected = ways(*given_), ways(*kept)
+    given_, retained, requested = fresh(), fresh(), np.array([0.3, -0.2])
+    result, expected = methods(*given_), methods(*retained)
     for A in given_:
         A[:] = 9.0
-    for name in found.keys() - {UNKEPT}:
-        np.testing.assert_array_equal(found[name](asked), expected[name](asked), err_msg=name)
+    for name in result.keys() - {UNKEPT}:
+        np.testing.assert_array_equal(
+            result[name](requested), expected[name](requested), err_msg=name
+        )
 
 
 @pytest.mark.parametrize("how", [copy.copy, copy.deepcopy, lambda A: pickle.loads(pickle.dumps(A))])
 def test_a_copy_of_a_mapping_answers_the_same(how: Callable[[Any], Any]):
-    for name, way in ways(*fresh()).items():
-        if isinstance(way, VelocityMapping | ForceMapping):
-            way(np.ones(2))
-            np.testing.assert_array_equal(how(way)(np.ones(2)), way(np.ones(2)), err_msg=name)
+    for name, method in methods(*fresh()).items():
+        if isinstance(method, VelocityMapping | ForceMapping):
+            method(np.ones(2))
+            np.testing.assert_array_equal(how(method)(np.ones(2)), method(np.ones(2)), err_msg=name)
 
 
 @pytest.mark.usefixtures("switching")
 @pytest.mark.parametrize("name", THREADED)
 def test_four_threads_get_the_answers_of_one(name):
     """No answer depends on which call came before it."""
-    call, count = ways(*fresh())[name], 200 if "limited" in name or name == "velocity" else 20
+    call, count = methods(*fresh())[name], 200 if "limited" in name or name == "velocity" else 20
     targets = np.random.default_rng(0).uniform(-1.0, 1.0, size=(count, 2))
     alone = [call(v) for v in targets]
     with ThreadPoolExecutor(4) as pool:

@@ -56,22 +56,26 @@ def test_spinning_rods_doors_and_gears_have_the_verdicts_known_by_hand(
 
 
 @given(systems())
-def test_every_drawn_rank_is_found_again(drawn):
+def test_every_drawn_rank_is_found_again(sample):
     """Self-motion, idle joints, internal forces, forbidden rates, reach: as they were made."""
-    m, n = len(drawn.system.J_T), len(drawn.system.active)
-    bases = drawn.system.kinematics().manipulability(list(range(m))).bases
-    assert bases["unstable"].shape == bases["unstable_major"].shape == (m, drawn.self_motion)
-    assert bases["unobservable"].shape[1] == drawn.idle
-    assert bases["irresolvable"].shape == (drawn.internal, len(drawn.system.J_C))
-    assert bases["constrained_active"].shape == (drawn.bound, n)
-    assert bases["unmanipulable"].shape == bases["unmanipulable_task"].shape == (m, m - drawn.reach)
+    m, n = len(sample.system.J_T), len(sample.system.active)
+    bases = sample.system.kinematics().manipulability(list(range(m))).bases
+    assert bases["unstable"].shape == bases["unstable_major"].shape == (m, sample.self_motion)
+    assert bases["unobservable"].shape[1] == sample.unobservable
+    assert bases["irresolvable"].shape == (sample.internal, len(sample.system.J_C))
+    assert bases["constrained_active"].shape == (sample.bound, n)
+    assert (
+        bases["unmanipulable"].shape
+        == bases["unmanipulable_task"].shape
+        == (m, m - sample.reachable)
+    )
     assert not bases["unstable_secondary"].size
 
 
 @given(st.data(), systems())
-def test_every_basis_proves_its_verdict(data, drawn):
+def test_every_basis_proves_its_verdict(data, sample):
     """Each direction is acted out with explicit rates of all joints, or borne by no torque."""
-    system = data.draw(failures(drawn.system))
+    system = data.draw(failures(sample.system))
     kin = system.kinematics()
     J_T, N = system.J_T, system.J_T.shape[1]
     major = rows_of(data, len(J_T))
@@ -110,9 +114,9 @@ def test_every_basis_proves_its_verdict(data, drawn):
 
 
 @given(st.data(), systems(self_motion=False))
-def test_the_worst_gain_is_the_least_speed_per_unit_rate(data, drawn):
+def test_the_worst_gain_is_the_least_speed_per_unit_rate(data, sample):
     """Its inverse is what the worst unit velocity costs in rates, as the mapping pays it."""
-    kin = drawn.system.kinematics()
+    kin = sample.system.kinematics()
     major = rows_of(data, len(kin.J))
     report = kin.manipulability(major)
     cost = np.linalg.norm(kin.velocity_mapping(major).major, 2)

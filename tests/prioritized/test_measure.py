@@ -93,7 +93,7 @@ def test_limits_hold_back_rows_of_two_kinds_as_far_as_the_metric_says():
     assert np.abs(plain(_TWIST[2:5]) - a.rates).max() > 1e-3
 
 
-def _drawn(seed: int, unit: float, error: float) -> tuple[ConstrainedSystem, dict[str, Any]]:
+def _sample(seed: int, unit: float, error: float) -> tuple[ConstrainedSystem, dict[str, Any]]:
     """Hinges, slides and loops where the natural length is `unit`; a task, and units of both.
 
     Half of the singular values of the task are 1e-3 to 1e-7, of which `error` explains some.
@@ -126,7 +126,7 @@ def _drawn(seed: int, unit: float, error: float) -> tuple[ConstrainedSystem, dic
 
 def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
     """Verdicts, and rates and torques in natural units, of every kind of mapping."""
-    system, of = _drawn(seed, unit, error)
+    system, of = _sample(seed, unit, error)
     major, v, rate, task = of["major"], of["v"], of["rate"], of["task"]
     kin = system.kinematics()
     report, box = kin.manipulability(major), (-of["limit"] * rate, of["limit"] * rate)
@@ -150,8 +150,8 @@ def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
     stated_force = kin.force_mapping(
         major, None, np.append(rate[:1], 0.0 * rate[1:]), **forces
     ).solve(f)
-    alike = len({*task[major]}) == len({*rate}) == 1
-    gain_unit = task[major[0]] / rate[0] if alike else 1.0
+    equal = len({*task[major]}) == len({*rate}) == 1
+    gain_unit = task[major[0]] / rate[0] if equal else 1.0
     assert (plain.status is Status.LEAST_SQUARES) == (
         report.unmanipulable and not report.unstable_major
     )
@@ -194,7 +194,7 @@ def test_hinges_and_slides_have_one_verdict_and_answer_in_any_unit(unit, error):
 @pytest.mark.parametrize("seed", range(scaled(10)))
 def test_a_mapping_goes_over_to_another_failure_and_pose_in_their_units(seed):
     """A hinge fails where a slide did: the rates that are left have other units."""
-    system, of = _drawn(seed, 0.3, 0.0)
+    system, of = _sample(seed, 0.3, 0.0)
     n, major, rng = len(system.active), of["major"], np.random.default_rng(seed)
     kinds = [int(np.flatnonzero(of["rate"] == unit)[0]) for unit in set(of["rate"].tolist())]
     first, *others = (system.with_failures(locked=[k]).kinematics() for k in kinds)

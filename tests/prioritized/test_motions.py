@@ -19,12 +19,12 @@ from tests.random_systems import (
 
 
 @given(st.data(), systems())
-def test_all_velocities_come_in_the_order_of_the_columns(data, drawn):
+def test_all_velocities_come_in_the_order_of_the_columns(data, sample):
     """They close the loops, move the task by J rates, and leave stuck joints exactly at rest."""
-    system = data.draw(failures(drawn.system))
+    system = data.draw(failures(sample.system))
     kin = system.kinematics()
     Z = spaces.null(kin.active_constraint)
-    rates = (Z @ drawn.rng.normal(size=(Z.shape[1], 4))).T.reshape(2, 2, -1)
+    rates = (Z @ sample.rng.normal(size=(Z.shape[1], 4))).T.reshape(2, 2, -1)
     velocities = kin.velocities(rates)
     assert velocities.shape == (2, 2, system.J_T.shape[1])
     np.testing.assert_array_equal(velocities[..., kin.active], rates)
@@ -36,9 +36,9 @@ def test_all_velocities_come_in_the_order_of_the_columns(data, drawn):
 
 
 @given(st.data(), systems())
-def test_passive_joints_settle_where_the_energy_of_all_joints_is_least(data, drawn):
+def test_passive_joints_settle_where_the_energy_of_all_joints_is_least(data, sample):
     """Dense in all coordinates: close the loops, follow the actuators, relax K, then the metric."""
-    system, rng = data.draw(failures(drawn.system)), drawn.rng
+    system, rng = data.draw(failures(sample.system)), sample.rng
     N = system.J_T.shape[1]
     R, S = data.draw(springs(N, rng)), data.draw(springs(N, rng))
     kin = with_stiffness(system, R.T @ R).kinematics(passive_metric=S.T @ S)
@@ -57,10 +57,10 @@ def test_passive_joints_settle_where_the_energy_of_all_joints_is_least(data, dra
 
 
 @given(st.data(), systems())
-def test_what_no_spring_resists_stays_self_motion(data, drawn):
+def test_what_no_spring_resists_stays_self_motion(data, sample):
     """Stiffness on some joints only: the motions it does not see are those that remain."""
-    system = data.draw(failures(drawn.system))
-    R = data.draw(springs(system.J_T.shape[1], drawn.rng))
+    system = data.draw(failures(sample.system))
+    R = data.draw(springs(system.J_T.shape[1], sample.rng))
     rigid, kin = system.kinematics(), with_stiffness(system, R.T @ R).kinematics()
     spring_lost = spaces.self_motions(system, rigid)
     spring_lost = spring_lost @ spaces.null(R @ spring_lost)

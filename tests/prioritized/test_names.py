@@ -28,7 +28,7 @@ def of(joints, motors, J_C=None) -> ConstrainedSystem:
 
 
 @pytest.mark.parametrize(
-    ("named", "numbered"),
+    ("listed", "numbered"),
     [
         ({"locked": ["knee"]}, {"locked": [1]}),
         ({"locked": ["push"], "free": ["hip_motor"]}, {"locked": [1], "free": [0]}),
@@ -38,12 +38,12 @@ def of(joints, motors, J_C=None) -> ConstrainedSystem:
         ({"locked_passive": ["coupler", 7]}, {"locked_passive": [4, 7]}),
     ],
 )
-def test_a_name_means_the_number_it_stands_for(named, numbered):
-    assert made().with_failures(**named).failures == made(None).with_failures(**numbered).failures
+def test_a_name_means_the_number_it_stands_for(listed, numbered):
+    assert made().with_failures(**listed).failures == made(None).with_failures(**numbered).failures
 
 
 @pytest.mark.parametrize(
-    ("failures", "said"),
+    ("failures", "message"),
     [
         ({"locked": ["kne"]}, "'kne': the nearest is 'knee'"),
         ({"free": ["xyz"]}, "there are hip, hip_motor, knee, pull, push, roll"),
@@ -54,17 +54,17 @@ def test_a_name_means_the_number_it_stands_for(named, numbered):
         ({"locked_passive": ["hip", 1]}, "got the actuated hip, knee: put"),
     ],
 )
-def test_a_wrong_name_is_one_sentence_that_says_what_to_write(failures, said):
+def test_a_wrong_name_is_one_sentence_that_says_what_to_write(failures, message):
     with pytest.raises(ValueError, match=f"^{next(iter(failures))} must|^an actuator") as error:
         made().with_failures(**failures)
-    assert error.match(said)
+    assert error.match(message)
     with pytest.raises(ValueError, match=r"must be numbers .*ConstrainedSystem\.of"):
         made(None).with_failures(locked_passive=["knee"])
 
 
 def test_actuators_without_names_are_said_by_number():
-    for system, said in [(of(["hip", ""], [(), ()]), "hip, 1"), (made(None), r"\[0, 1\]")]:
-        with pytest.raises(ValueError, match=f"got both for {said}"):
+    for system, message in [(of(["hip", ""], [(), ()]), "hip, 1"), (made(None), r"\[0, 1\]")]:
+        with pytest.raises(ValueError, match=f"got both for {message}"):
             system.with_failures(locked=[0, 1], free=[0, 1])
 
 
@@ -80,8 +80,8 @@ def test_the_atlas_speaks_and_understands_names():
     assert atlas.describe(row) == "knee locked, hip free"
     assert unnamed.row(locked=[1], free=[0]) == row
     assert unnamed.describe(row) == "actuator 1 locked, actuator 0 free"
-    for code, words in zip(atlas.codes, map(atlas.describe, range(81)), strict=True):
-        pieces = [] if words == "healthy" else words.split(", ")
+    for code, labels in zip(atlas.codes, map(atlas.describe, range(81)), strict=True):
+        pieces = [] if labels == "healthy" else labels.split(", ")
         locked, free = (
             [piece.removesuffix(end) for piece in pieces if piece.endswith(end)]
             for end in (" locked", " free")
@@ -130,7 +130,7 @@ def test_each_actuator_has_a_word_of_its_own_that_means_it_alone(data):
         if word == f"actuator {k}":
             assert not joints[k] and not any(motors[k])
             continue
-        alike = [(joint, tuple(filter(None, m))) for joint, m in zip(joints, motors, strict=True)]
-        servo = {i for i in range(n) if alike[i] == alike[k]} if alike[k][1] else {k}
+        equal = [(joint, tuple(filter(None, m))) for joint, m in zip(joints, motors, strict=True)]
+        servo = {i for i in range(n) if equal[i] == equal[k]} if equal[k][1] else {k}
         assert meant.setdefault(word, frozenset(servo)) == servo
         assert system.with_failures(locked=[word]).failures.locked == servo

@@ -46,9 +46,9 @@ TABLE: list[tuple[str, str, Any, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("call", "name", "value", "said"), TABLE)
-def test_wrong_input_is_refused_by_name(call, name, value, said):
-    with pytest.raises(ValueError, match=f"{name} .*{said}"):
+@pytest.mark.parametrize(("call", "name", "value", "message"), TABLE)
+def test_wrong_input_is_refused_by_name(call, name, value, message):
+    with pytest.raises(ValueError, match=f"{name} .*{message}"):
         CALLS[call](**{name: value})
 
 

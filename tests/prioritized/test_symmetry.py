@@ -35,18 +35,20 @@ def kinematics(seed: int, J: np.ndarray) -> Kinematics:
 
 
 @pytest.mark.parametrize("when", ["least_squares", "scaled"])
-@pytest.mark.parametrize("asked", [1.0, 1.5])
-def test_equal_legs_that_are_at_their_limits_are_all_said_to_be(when, asked):
+@pytest.mark.parametrize("requested", [1.0, 1.5])
+def test_equal_legs_that_are_at_their_limits_are_all_said_to_be(when, requested):
     """Which of them the solver holds, the request being at or beyond the limit, is round-off."""
     for seed in PROCESSORS:
         how = {"rate_limits": (-1, 1), "when_limited": when}
         mapping = velocity_mapping(legs(seed), [0], joint_weight=np.ones(3), **how)
-        found = mapping.solve([asked])
-        np.testing.assert_array_equal(found.active_limits, [1, 1, 1])
-        assert not found.gains.any()
+        result = mapping.solve([requested])
+        np.testing.assert_array_equal(result.active_limits, [1, 1, 1])
+        assert not result.gains.any()
         levels = kinematics(seed, legs(0)).hierarchy([Task(rows=[0])], rate_limits=(-1, 1))
-        np.testing.assert_array_equal(levels.solve([[asked]]).active_limits, [1, 1, 1])
-        bounded = lexicographic_least_squares([(legs(seed)[:1], [asked])], lower=-1.0, upper=1.0)
+        np.testing.assert_array_equal(levels.solve([[requested]]).active_limits, [1, 1, 1])
+        bounded = lexicographic_least_squares(
+            [(legs(seed)[:1], [requested])], lower=-1.0, upper=1.0
+        )
         np.testing.assert_array_equal(bounded.active, [1, 1, 1])
 
 
@@ -54,21 +56,21 @@ def test_equal_legs_that_are_at_their_limits_are_all_said_to_be(when, asked):
 def test_a_task_that_nothing_holds_back_is_whole(seed):
     """A warm start may leave it short by a bit."""
     rng = np.random.default_rng(seed)
-    J, asked = rng.normal(size=(2, 4)), rng.normal(size=2)
+    J, requested = rng.normal(size=(2, 4)), rng.normal(size=2)
     mapping = velocity_mapping(J, [0, 1], rate_limits=(-9, 9), when_limited="scaled")
-    again = mapping.solve(asked, start=mapping.solve(rng.normal(size=2)))
+    again = mapping.solve(requested, start=mapping.solve(rng.normal(size=2)))
     assert again.scale == 1.0 and again.status is Status.EXACT
 
 
 def test_the_joints_of_a_sentence_are_those_named_first():
     """Eight equal legs in one closed sum: five are named."""
     names = Names(tuple("abcdefgh"), tuple((name,) for name in "abcdefgh"))
-    said = set()
+    message = set()
     for seed in PROCESSORS:
         loop = bits(np.random.default_rng(seed), np.ones((1, 8)))
         system = ConstrainedSystem(np.eye(1, 8), loop, range(8), names=names)
-        said.add(str(system.kinematics().manipulability([0])))
-    (sentence,) = said
+        message.add(str(system.kinematics().manipulability([0])))
+    (sentence,) = message
     assert "a, b, c, d, e and 3 more" in sentence
 
 
@@ -101,8 +103,8 @@ def test_corners_are_counted_once_and_begin_with_the_same():
     angle = np.pi / 3 * np.arange(6)
     struts = np.stack([np.cos(angle), np.sin(angle)])
     for seed in PROCESSORS:
-        found = kinematics(seed, struts).attainable([0, 1], rate_limits=(-1.0, 1.0)).vertices
+        result = kinematics(seed, struts).attainable([0, 1], rate_limits=(-1.0, 1.0)).vertices
         # Each pair reaches twice as far as a strut alone, and the three pairs add up.
-        np.testing.assert_allclose(found, 4 * struts.T, atol=1e-12)
+        np.testing.assert_allclose(result, 4 * struts.T, atol=1e-12)
         cube = kinematics(seed, np.eye(3)).attainable([0, 1, 2], rate_limits=(-1.0, 1.0)).vertices
         np.testing.assert_allclose(cube, list(product((-1.0, 1.0), repeat=3)), atol=1e-12)

@@ -13,7 +13,7 @@ from tests.random_systems import (
     SEEDS,
     as_matrix,
     failures,
-    major_and_rest,
+    major_and_secondary,
     of_rank,
     orthogonal,
     systems,
@@ -57,41 +57,47 @@ def test_theorems_3_4_and_5_are_special_cases(seed, m1, m2, extra):
     J = rng.normal(size=(m, n))
     J_m, J_s = J[:m1], J[m1:]
     W1, W2 = (rng.normal(size=(k, k)) + 3 * np.eye(k) for k in (n, m2))
-    v_m, aims = rng.normal(size=m1), {"joint": rng.normal(size=n), "secondary": rng.normal(size=m2)}
+    v_m, targets = (
+        rng.normal(size=m1),
+        {"joint": rng.normal(size=n), "secondary": rng.normal(size=m2)},
+    )
     for W, (major_gain, goals_gain), goals, atol in (
         ((W1, W2), theorem_3(J_m, J_s, W1, W2), ["joint", "secondary"], 1e-8),
         ((W1, None), theorem_4(J_m, W1), ["joint"], 1e-8),
         ((None, W2), theorem_5(J_m, J_s, W2), ["secondary"], 1e-6),
     ):
         mapping = velocity_mapping(J, major, None, *W)
-        rates = mapping(v_m, *aims.values())  # before there are gains: computed another way
-        expected = major_gain @ v_m + goals_gain @ np.concatenate([aims[goal] for goal in goals])
+        rates = mapping(v_m, *targets.values())  # before there are gains: computed another way
+        expected = major_gain @ v_m + goals_gain @ np.concatenate([targets[goal] for goal in goals])
         np.testing.assert_allclose(rates, expected, atol=10 * atol)
-        found = np.hstack([getattr(mapping, goal) for goal in goals])
+        result = np.hstack([getattr(mapping, goal) for goal in goals])
         np.testing.assert_allclose(mapping.major, major_gain, atol=atol)
-        np.testing.assert_allclose(found, goals_gain, atol=atol)
+        np.testing.assert_allclose(result, goals_gain, atol=atol)
 
 
 @given(st.data(), systems())
-def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, drawn):
+def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, sample):
     """Active and passive rates at once, the loops as hard rows; nothing is eliminated."""
-    system = data.draw(failures(drawn.system))
-    kin, rng = system.kinematics(), drawn.rng
+    system = data.draw(failures(sample.system))
+    kin, rng = system.kinematics(), sample.rng
     m, n = kin.J.shape
-    major, rest = major_and_rest(data, m)
-    W1, W2 = data.draw(weights(n, rng)), data.draw(weights(len(rest), rng))
+    major, others = major_and_secondary(data, m)
+    W1, W2 = data.draw(weights(n, rng)), data.draw(weights(len(others), rng))
     M, T = of_rank(rng, len(major) + 1, len(major), len(major)), data.draw(weights(n, rng))
     mapping = kin.velocity_mapping(major, None, W1, W2, major_metric=M, tie_metric=T)
-    aims = [rng.normal(size=size) for size in (len(major), n, len(rest))]
-    rates = mapping(*aims)
+    targets = [rng.normal(size=size) for size in (len(major), n, len(others))]
+    rates = mapping(*targets)
 
     # xi of eq. (10) is nobody's to command: passive rates take no part in self-motion.
     hard = np.vstack([spaces.closure(system), spaces.self_motions(system, kin).T])
     J_T, to_rates = system.J_T, np.eye(system.J_T.shape[1])[kin.active]
-    W1, W2, T = as_matrix(W1, n), as_matrix(W2, len(rest)), as_matrix(T, n)
+    W1, W2, T = as_matrix(W1, n), as_matrix(W2, len(others)), as_matrix(T, n)
     levels = [
-        (M @ J_T[major], M @ aims[0]),
-        (np.vstack([W1 @ to_rates, W2 @ J_T[rest]]), np.concatenate([W1 @ aims[1], W2 @ aims[2]])),
+        (M @ J_T[major], M @ targets[0]),
+        (
+            np.vstack([W1 @ to_rates, W2 @ J_T[others]]),
+            np.concatenate([W1 @ targets[1], W2 @ targets[2]]),
+        ),
         (T @ to_rates, np.zeros(len(T))),
         (to_rates, np.zeros(n)),
     ]
@@ -100,7 +106,9 @@ def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, drawn):
     np.testing.assert_allclose(rates, best[kin.active], atol=1e-6)
     if n:
         np.testing.assert_allclose(kin.passive_rates(rates), best[kin.passive], atol=1e-6)
-    np.testing.assert_allclose(mapping.residual(aims[0]), aims[0] - J_T[major] @ best, atol=1e-6)
+    np.testing.assert_allclose(
+        mapping.residual(targets[0]), targets[0] - J_T[major] @ best, atol=1e-6
+    )
 
 
 @given(st.integers(1, 5), st.integers(1, 5), st.data(), SEEDS)
@@ -191,11 +199,11 @@ def test_a_weight_beside_larger_ones_fades_to_none(seed, m2, exponent):
     """Rates stay finite however small it is: at 1e-160 beside 3.3 they were infinite."""
     rng = np.random.default_rng(seed)
     J, weights = rng.normal(size=(2 + m2, 4)), rng.uniform(0.5, 4, 4 + m2)
-    aims = [rng.normal(size=size) for size in (2, 4, m2)]
+    targets = [rng.normal(size=size) for size in (2, 4, m2)]
 
     def rates(at: int, factor: float) -> np.ndarray:
         own = weights * np.where(np.arange(4 + m2) == at, factor, 1.0)
-        return velocity_mapping(J, [0, 1], None, own[:4], own[4:])(*aims)
+        return velocity_mapping(J, [0, 1], None, own[:4], own[4:])(*targets)
 
     for at in range(4 + m2):
         small = rates(at, 10.0**-exponent)

@@ -70,18 +70,18 @@ def kernel(last, slow, fast, down, up):
     The next is (i + k, k), j - down <= k <= j + up; what has none is removed until nothing changes.
     """
     rates = np.arange(slow, fast + 1)
-    kept = np.ones((last + 1, len(rates)), dtype=bool)
+    retained = np.ones((last + 1, len(rates)), dtype=bool)
     while True:
         # next_in[i, k]: whether rate k leads from position i to a state that is still kept
-        next_in = np.zeros_like(kept)
+        next_in = np.zeros_like(retained)
         for column, k in enumerate(rates):
             i = np.arange(max(0, -k), min(last, last - k) + 1)
-            next_in[i, column] = kept[i + k, column]
+            next_in[i, column] = retained[i + k, column]
         near = (rates >= rates[:, None] - down) & (rates <= rates[:, None] + up)
-        still = kept & (next_in @ near.T)
-        if (still == kept).all():
-            return kept
-        kept = still
+        still = retained & (next_in @ near.T)
+        if (still == retained).all():
+            return retained
+        retained = still
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -94,7 +94,7 @@ def test_the_box_is_the_largest_by_dynamic_programming(seed):
     last, slow, fast = int(rng.integers(0, 60)), -int(rng.integers(0, 12)), int(rng.integers(0, 12))
     down, up = int(rng.integers(1, 5)), int(rng.integers(1, 5))
     h, T, origin = rng.uniform(0.1, 3.0), rng.uniform(1e-3, 2.0), rng.normal()
-    kept = kernel(last, slow, fast, down, up)
+    retained = kernel(last, slow, fast, down, up)
     i, j = np.mgrid[-8 : last + 9, slow - 9 : fast + 10]
     joints = Joints(
         *(origin, origin + last * h * T, slow * h, fast * h, -down * h / T, up * h / T), T=T
@@ -103,12 +103,12 @@ def test_the_box_is_the_largest_by_dynamic_programming(seed):
     some = np.zeros(i.shape, dtype=bool)
     for k in range(slow, fast + 1):
         inside = (i + k >= 0) & (i + k <= last) & (k >= j - down) & (k <= j + up)
-        allowed = inside & kept[np.where(inside, i + k, 0), k - slow]
+        allowed = inside & retained[np.where(inside, i + k, 0), k - slow]
         some |= allowed
         in_box = box.viable & (box.lower <= (k + 1e-9) * h) & (box.upper >= (k - 1e-9) * h)
         assert np.array_equal(in_box, allowed)
     on_lattice = (i >= 0) & (i <= last) & (j >= slow) & (j <= fast)
-    assert np.array_equal(some[on_lattice], kept.ravel())
+    assert np.array_equal(some[on_lattice], retained.ravel())
     assert np.array_equal(box.viable, some)
 
 
@@ -127,8 +127,8 @@ def extreme_rate(joints: Joints, x: float, v: float, sign: int, ticks: int) -> f
         ]
     )
     cost = -sign * np.eye(ticks)[0]
-    found = linprog(cost, rows, room, bounds=(joints.v_min, joints.v_max), method="highs")
-    return None if found.status == 2 else float(found.x[0])
+    result = linprog(cost, rows, room, bounds=(joints.v_min, joints.v_max), method="highs")
+    return None if result.status == 2 else float(result.x[0])
 
 
 def test_the_ends_of_the_box_are_the_extreme_rates_of_any_future():
@@ -177,11 +177,11 @@ def test_the_fastest_rate_stops_exactly_at_the_limit_in_any_units(steps, braking
 
 def walk(joints: Joints, x, v, ticks, rng):
     """Positions, rates and boxes of joints that hold one end of the box or another for a while."""
-    held = rng.random(np.shape(x))
+    fixed = rng.random(np.shape(x))
     for _ in range(ticks):
         box = joints.box(x, v)
-        held = np.where(rng.random(np.shape(x)) < 0.02, rng.random(np.shape(x)), held)
-        part = np.where(held < 0.4, 0.0, np.where(held < 0.8, 1.0, rng.random(np.shape(x))))
+        fixed = np.where(rng.random(np.shape(x)) < 0.02, rng.random(np.shape(x)), fixed)
+        part = np.where(fixed < 0.4, 0.0, np.where(fixed < 0.8, 1.0, rng.random(np.shape(x))))
         w = np.clip(box.lower + part * (box.upper - box.lower), box.lower, box.upper)
         x, v, before = x + joints.T * w, w, v
         yield x, v, before, box

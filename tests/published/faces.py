@@ -28,10 +28,10 @@ def distances(
     """Of a wrench (m,) from all faces of {B u}, each parallel to m - 1 columns; negative beyond."""
     m, n = B.shape
     middle, half = (upper + lower) / 2, (upper - lower) / 2
-    found = []
+    result = []
     for columns in combinations(range(n), m - 1):
         U, sigma, _ = np.linalg.svd(B[:, columns])
         if sigma[-1] > 1e-9:
             along = U[:, -1] @ B
-            found.append(abs(along) @ half - abs(along @ middle - U[:, -1] @ wrench))
-    return np.array(found)
+            result.append(abs(along) @ half - abs(along @ middle - U[:, -1] @ wrench))
+    return np.array(result)

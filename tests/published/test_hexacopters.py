@@ -34,8 +34,8 @@ Its gravity is that of its standard atmosphere.
 @pytest.mark.parametrize("case", SECOND)
 def test_the_authority_is_that_of_a_second_implementation(authority, case):
     turns, lost, mass, arm = case
-    found = authority(turns, lost, mass * STANDARD_GRAVITY, arm)
-    assert found == pytest.approx(SECOND[case], abs=ROUNDED)
+    result = authority(turns, lost, mass * STANDARD_GRAVITY, arm)
+    assert result == pytest.approx(SECOND[case], abs=ROUNDED)
 
 
 @pytest.mark.parametrize("lost", range(-1, 6))
@@ -48,9 +48,9 @@ def test_the_authority_is_the_published_distance_of_hover_from_every_face(author
     by_hull = -(hull.equations[:, :-1] @ HOVER + hull.equations[:, -1]).max()
     by_formula = distances(B, HOVER, np.zeros(6), upper).min()
     assert by_formula == pytest.approx(by_hull, abs=1e-9)
-    found = authority(turns, [lost] if lost >= 0 else [])
-    assert found == pytest.approx(max(by_formula, 0.0), abs=1e-9)
-    assert found == pytest.approx(PUBLISHED[turns][lost + 1], abs=ROUNDED)
+    result = authority(turns, [lost] if lost >= 0 else [])
+    assert result == pytest.approx(max(by_formula, 0.0), abs=1e-9)
+    assert result == pytest.approx(PUBLISHED[turns][lost + 1], abs=ROUNDED)
 
 
 @pytest.mark.parametrize(("turns", "lost", "outside"), [("PNPNPN", 0, 0.0), ("PPNNPN", 4, 0.2133)])

@@ -44,8 +44,8 @@ def test_a_stopped_opposite_leaves_pitch_and_yaw_alike():
 
 
 def test_on_the_other_hexacopter_a_neighbour_helps_and_the_opposite_does_not(authority):
-    sound, without = authority("PPNNPN"), authority("PPNNPN", [1])
-    assert round(100 * without / sound) == 40
+    healthy, without = authority("PPNNPN"), authority("PPNNPN", [1])
+    assert round(100 * without / healthy) == 40
     assert authority("PPNNPN", [1], 4, 1.0) == pytest.approx(without, abs=1e-12)
     for x in (0.2, 1.0):
-        assert round(100 * authority("PPNNPN", [1], 5, x) / sound) == 64
+        assert round(100 * authority("PPNNPN", [1], 5, x) / healthy) == 64

@@ -64,8 +64,8 @@ def mass_at_b(page) -> np.ndarray:
 
 
 def test_the_modes_are_the_published_ones_and_those_of_lagranges_equations(page, strut_jacobian):
-    found = np.array([mode.imag for mode in page["modes"]]) / (2 * np.pi)
-    np.testing.assert_allclose(found, MODES_HZ, atol=0.05)
+    result = np.array([mode.imag for mode in page["modes"]]) / (2 * np.pi)
+    np.testing.assert_allclose(result, MODES_HZ, atol=0.05)
     K = STIFFNESS * strut_jacobian.T @ strut_jacobian
     undamped = np.sqrt(eigh(K, mass_at_b(page), eigvals_only=True))
     np.testing.assert_allclose(np.abs(page["modes"]), undamped, rtol=1e-7)
@@ -73,21 +73,21 @@ def test_the_modes_are_the_published_ones_and_those_of_lagranges_equations(page,
 
 def test_the_damping_ratios_are_the_published_ones_in_reverse(page):
     """All damping is in proportion to stiffness: a ratio grows as its frequency."""
-    found = [-100 * mode.real / abs(mode) for mode in page["modes"]]
+    result = [-100 * mode.real / abs(mode) for mode in page["modes"]]
     expected = [100 * abs(mode) * DAMPING / STIFFNESS / 2 for mode in page["modes"]]
-    np.testing.assert_allclose(found, expected, rtol=1e-5)
-    np.testing.assert_allclose(found[::-1], DAMPING_PERCENT, atol=0.05)
-    assert not np.allclose(found, DAMPING_PERCENT, atol=0.05)
+    np.testing.assert_allclose(result, expected, rtol=1e-5)
+    np.testing.assert_allclose(result[::-1], DAMPING_PERCENT, atol=0.05)
+    assert not np.allclose(result, DAMPING_PERCENT, atol=0.05)
 
 
 def test_the_compliance_is_the_published_one(page, strut_jacobian):
     J = page["kin"].J
-    found = J @ J.T / STIFFNESS
-    np.testing.assert_allclose(np.diag(found), COMPLIANCE, rtol=5e-5)
-    coupled = np.abs(found[[0, 1], [4, 3]])
+    result = J @ J.T / STIFFNESS
+    np.testing.assert_allclose(np.diag(result), COMPLIANCE, rtol=5e-5)
+    coupled = np.abs(result[[0, 1], [4, 3]])
     np.testing.assert_allclose(coupled, COUPLING, rtol=5e-5)
     K = STIFFNESS * strut_jacobian.T @ strut_jacobian
-    np.testing.assert_allclose(found, np.linalg.inv(K), atol=1e-9 * COMPLIANCE[0])
+    np.testing.assert_allclose(result, np.linalg.inv(K), atol=1e-9 * COMPLIANCE[0])
 
 
 def test_the_strokes_are_the_published_ones_by_exact_inverse_kinematics(page):
@@ -96,12 +96,12 @@ def test_the_strokes_are_the_published_ones_by_exact_inverse_kinematics(page):
     strokes = 2 * need.max(), 2 * need.sum(axis=1).max()
     np.testing.assert_allclose(strokes, STROKES_UM, atol=0.05)
     foot, head, B = page["foot"], page["head"], np.array([0, 0, 0.135])
-    rest = np.linalg.norm(head - foot, axis=1)
+    others = np.linalg.norm(head - foot, axis=1)
     lengths = []
     for *shift, about_x, about_y in product((-1, 1), repeat=5):
         turn = Rotation.from_euler("xyz", [3e-5 * about_x, 3e-5 * about_y, 0])
         there = turn.apply(head - B) + B + 5e-5 * np.array(shift)
-        lengths.append(np.linalg.norm(there - foot, axis=1) - rest)
+        lengths.append(np.linalg.norm(there - foot, axis=1) - others)
     for count in (25, 32):
         assert 1e6 * np.ptp(lengths[:count]) == pytest.approx(strokes[1], abs=1e-3)
 
@@ -110,8 +110,10 @@ def test_the_mobility_divides_by_the_change_of_length_and_the_published_one_mult
     along = page["head"] - page["foot"]
     along /= np.linalg.norm(along, axis=1)[:, None]
     theta, phi = np.meshgrid(np.linspace(0, np.pi, 50), np.linspace(0, 2 * np.pi, 50))
-    ways = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1)
-    change = np.abs(ways @ along.T).max(axis=-1)
+    methods = np.stack(
+        [np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1
+    )
+    change = np.abs(methods @ along.T).max(axis=-1)
     assert (50.0 * change).min() == pytest.approx(MOBILITY_UM, abs=0.05)
     set_of_translations = page["upright"].kinematics().attainable([0, 1, 2], (-50, 50))
     assert set_of_translations.radius == pytest.approx(50.0, abs=1e-9)
@@ -133,10 +135,10 @@ def test_the_platform_follows_a_circle_with_a_strut_that_locks_on_the_way(page, 
     rig = Rig.of_mjcf(file, site="B", major=[3, 4, 5])
     path = rig.path("circle", duration_s=1.4)
     run = rig.fly(rig.supervisor(), path, failures=[Failure("strut1", "locked", 0.9)])
-    (named,) = run.diagnoses
-    assert (named.actuator, named.kind) == ("strut1", "locked") and named.time_s < 1.1
+    (listed,) = run.diagnoses
+    assert (listed.actuator, listed.kind) == ("strut1", "locked") and listed.time_s < 1.1
     assert run.closure_m.max() < 1e-7
     error = np.linalg.norm(run.desired - run.true, axis=1) / rig.size
-    before, after = error[run.time_s < 0.9], error[run.time_s > named.time_s + 0.1]
+    before, after = error[run.time_s < 0.9], error[run.time_s > listed.time_s + 0.1]
     assert np.sqrt((before**2).mean()) < 0.01
     assert np.sqrt((after**2).mean()) < 0.02
