@@ -1,4 +1,4 @@
-"""Three arms: links are rods from joint to joint; servos are those of MuJoCo Menagerie.
+"""MJCF of three arms: links are rods from joint to joint; servos are those of MuJoCo Menagerie.
 
 Modified Denavit-Hartenberg rows as the makers publish them (Universal Robots, KUKA, Franka Emika),
 masses of data sheets and identifications (Gaz et al. 2019 for the Panda).
@@ -15,7 +15,7 @@ _THICKNESS_M, _ARMATURE = 0.06, 0.1
 
 @dataclass(frozen=True)
 class Arm:
-    """Its tool lies `flange` beyond its last joint; rows are a and d [m] and alpha [deg]."""
+    """Arm whose tool is `flange` beyond its last joint; rows are a and d [m] and alpha [deg]."""
 
     rows: Sequence[tuple[float, float, float]]  # a and alpha before a joint, d along it
     flange: float
@@ -24,7 +24,7 @@ class Arm:
     servos: Sequence[tuple[float, float, float]]  # kp, kv and largest torque
 
     def write(self, file: Path, joint: str = "") -> Path:
-        """As MJCF; `joint` are attributes that all joints have besides."""
+        """Return the arm as MJCF; `joint` has further attributes of all joints."""
         ends = [np.array(_offset(row)) for row in self.rows[1:]] + [np.array([0, 0, self.flange])]
         bodies = ""
         for k, (row, mass, end) in enumerate(zip(self.rows, self.mass, ends, strict=True), 1):

@@ -1,4 +1,4 @@
-"""Oracles of bounded lexicographic least squares: plain, slow, and without the library.
+"""Oracles of bounded lexicographic least squares: simple, slow, and independent of the library.
 
 Given levels (A_1, b_1), (A_2, b_2), ..., bounds lower <= x <= upper, and perhaps rows G with
 lo <= G x <= hi: among the x that keep bounds and rows, minimize |A_1 x - b_1|; among the
@@ -19,11 +19,11 @@ from scipy.optimize import nnls
 
 Levels = Sequence[tuple[np.ndarray, np.ndarray]]
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""G (r, n), lo (r,), hi (r,)."""
+"""Inequality rows G (r, n), lo (r,), hi (r,)."""
 
 RANK = 1e-11
 FEASIBLE = 1e-11
-"""Of 1 + |x|: by so much a candidate may miss a limit or an equation."""
+"""Violation of a limit or an equation, relative to 1 + |x|, up to which a candidate is feasible."""
 
 
 # One level on one active set.
@@ -34,20 +34,20 @@ def _norm(A: np.ndarray) -> float:
 
 
 def _svd(A: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """U, sigma, V of the singular values above RANK times the scale, and a basis of the rest."""
+    """Return U, sigma, V of singular values above RANK times the scale, and a null-space basis."""
     U, sigma, Vt = np.linalg.svd(A)
     rank = np.count_nonzero(sigma > RANK * scale)
     return U[:, :rank], sigma[:rank], Vt[:rank].T, Vt[rank:].T
 
 
 def _solution(A: np.ndarray, b: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
-    """Least-squares solution of A x = b with the least norm, and a basis of the null space of A."""
+    """Return the least-norm least-squares solution of A x = b, and a null-space basis of A."""
     U, sigma, V, Z = _svd(A, scale)
     return V @ ((U.T @ b) / sigma), Z
 
 
 def _minimizer(E: np.ndarray, e: np.ndarray, A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Among all x with E x = e that minimize |A x - b|, the one with the least norm."""
+    """Return the least-norm minimizer of |A x - b| with E x = e."""
     x, Z = _solution(E, e, scale=1.0)
     # Relative to A: where A Z is round-off, E decides A x already.
     y, _ = _solution(A @ Z, b - A @ x, _norm(A))
@@ -71,7 +71,7 @@ def _with_least_norm(levels: Levels, n: int) -> list[tuple[np.ndarray, np.ndarra
 
 
 def _constraints(lower: np.ndarray, upper: np.ndarray, rows: Rows | None) -> Rows:
-    """Bounds and rows as one: G x between lo and hi, each row of norm one; zero rows left out."""
+    """Return bounds and rows as lo <= G x <= hi, with rows of norm one and without zero rows."""
     G, lo, hi = np.eye(len(lower)), np.asarray(lower, float), np.asarray(upper, float)
     if rows is not None:
         size = np.linalg.norm(rows[0], axis=1)
@@ -83,7 +83,7 @@ def _constraints(lower: np.ndarray, upper: np.ndarray, rows: Rows | None) -> Row
 
 
 def _sides(G: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All finite limits as G x <= top."""
+    """Return all finite limits as G x <= top."""
     G, top = np.vstack([G, -G]), np.append(hi, -lo)
     return G[np.isfinite(top)], top[np.isfinite(top)]
 
@@ -93,7 +93,7 @@ def _sides(G: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, n
 
 @dataclass(frozen=True)
 class Known:
-    """Of B problems: x (B, n), the gap of the ranks (zero where none is found), condition."""
+    """Solutions of B problems: x (B, n), gap of the ranks (zero if none was found), condition."""
 
     x: np.ndarray
     gap: np.ndarray
@@ -101,7 +101,7 @@ class Known:
 
 
 class _Inverse:
-    """Singular values of matrices (P, k, n) beside those up to `least`, (P,)."""
+    """Pseudo-inverses of matrices (P, k, n), with singular values up to `least` set to zero."""
 
     def __init__(self, A: np.ndarray, least: np.ndarray) -> None:
         self.U, sigma, self.Vt = np.linalg.svd(A, full_matrices=False)
@@ -123,13 +123,13 @@ def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def sizes(A: np.ndarray) -> np.ndarray:
-    """Of each matrix, also where squares underflow."""
+    """Return the norm of each matrix, also if squares underflow."""
     most = abs(A).max(axis=(-2, -1), initial=0.0)
     return most * np.linalg.norm(A / np.where(most > 0, most, 1.0)[:, None, None], axis=(-2, -1))
 
 
 def enumerated(levels: Levels, lower: np.ndarray, upper: np.ndarray) -> Known:
-    """Solutions of B problems, levels (B, k, n) and (B, k), bounds (B, n): every active set tried.
+    """Solve B problems, levels (B, k, n) and (B, k), bounds (B, n), by enumerating active sets.
 
     An active set leaves a least-squares problem in the free unknowns, with the levels before as
     equations E x = e, each level's rows over their size. The best that keeps the bounds is the
@@ -178,7 +178,7 @@ def enumerated(levels: Levels, lower: np.ndarray, upper: np.ndarray) -> Known:
 def by_active_sets(
     levels: Levels, lower: np.ndarray, upper: np.ndarray, rows: Rows | None = None
 ) -> np.ndarray:
-    """The answer x (n,) of one problem, :func:`enumerated`; n plus the number of rows up to 6.
+    """Solve one problem, x (n,), by :func:`enumerated`; for n plus the number of rows up to 6.
 
     Rows are a first level G x = s of more unknowns s; x is the least before s is. NaN where
     round-off leaves no case within the bounds.
@@ -199,7 +199,7 @@ def by_active_sets(
 def by_interior_point(
     levels: Levels, lower: np.ndarray, upper: np.ndarray, rows: Rows | None = None
 ) -> np.ndarray:
-    """The answer x (n,) by one quadratic program a level, for any n: Clarabel, at 1e-12.
+    """Solve one problem, x (n,), by a quadratic program per level: Clarabel, at 1e-12.
 
     The solver's point only is near an optimum, and says in which order limits are likely to bind:
     by the ratio of slack and multiplier. With the first 0, 1, 2, ... of them as equations a level
@@ -231,7 +231,7 @@ def by_interior_point(
 def _program(
     A: np.ndarray, b: np.ndarray, former: _Former, G: np.ndarray, top: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Minimize |A x - b| over E x = e and G x <= top: x, and limits by slack / multiplier."""
+    """Minimize |A x - b| with E x = e and G x <= top; return x and active limits."""
     import clarabel
     from scipy.sparse import csc_array
 
@@ -274,7 +274,7 @@ def _kkt(
     top: np.ndarray,
     x: np.ndarray,
 ) -> tuple[float, np.ndarray]:
-    """How far x is from minimizing |A x - b| over E x = e and G x <= top, and the multipliers.
+    """Return the KKT residual of minimizing |A x - b| with E x = e and G x <= top, and multipliers.
 
     The largest of how far it is beyond a limit, of the part of the gradient that no multiplier
     balances, and of a multiplier times its distance from the limit.
@@ -300,7 +300,7 @@ def certificate(
     x: np.ndarray,
     rows: Rows | None = None,
 ) -> float:
-    """Largest residual of Karush, Kuhn and Tucker's conditions of x (n,), level by level, then |x|.
+    """Return the largest KKT residual of x (n,), level by level, then of |x|.
 
     Level k is a convex problem with the earlier levels' A_j x as equations, so that these
     conditions prove its optimum: its gradient A^T (A x - b) is a combination of the rows A_j and,

@@ -30,11 +30,11 @@ def random_problem(
     extent: float = 1.0,
     rows: int = 0,
 ) -> Problem:
-    """A feasible problem in n unknowns with one level of each kind.
+    """Return a feasible problem in n unknowns with one level of each kind.
 
     Args:
-        rng: Where the numbers come from.
-        n: Unknowns.
+        rng: Random generator.
+        n: Number of unknowns.
         kinds: Of each level, from `KINDS`. "any rank" has singular values from 0.5 to 2 and zeros;
             "nearly singular" has one of 1e-4; "redundant rows" repeats combinations of rows;
             "dependent levels" repeats combinations of the rows before, in part; "zero" is A = 0.
@@ -70,7 +70,7 @@ def random_problem(
 
 @st.composite
 def problems(draw: st.DrawFn, most: int = 6) -> Problem:
-    """Any of :func:`random_problem`; n plus the number of rows is at most `most`."""
+    """Sample any :func:`random_problem`; n plus the number of rows is at most `most`."""
     n = draw(st.integers(1, most))
     kinds = draw(st.lists(st.sampled_from(KINDS), min_size=1, max_size=3))
     bounds = draw(st.sampled_from(["finite", "none", "mixed"]))

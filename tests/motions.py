@@ -1,4 +1,4 @@
-"""Motions on the manifold of positions, and slopes along them."""
+"""Motions on the manifold of positions, and derivatives along them."""
 
 from collections.abc import Callable
 
@@ -11,12 +11,12 @@ from sim import Jacobians
 
 
 def kinematics(jac: Jacobians) -> Kinematics:
-    """Of the healthy system."""
+    """Return the kinematics of the healthy system."""
     return ConstrainedSystem(jac.J_T, jac.J_C, jac.active).kinematics()
 
 
 def shifted(model: mujoco.MjModel, data: mujoco.MjData, step: np.ndarray) -> mujoco.MjData:
-    """A new state after a step on the manifold, frames up to date."""
+    """Return a new state after a step on the manifold, with updated frames."""
     there = mujoco.MjData(model)
     there.qpos[:], there.eq_active[:] = data.qpos, data.eq_active
     mujoco.mj_integratePos(model, there.qpos, step, 1.0)
@@ -25,7 +25,7 @@ def shifted(model: mujoco.MjModel, data: mujoco.MjData, step: np.ndarray) -> muj
 
 
 def change(model: mujoco.MjModel, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The step that leads from one position to the other."""
+    """Return the step from one position to the other."""
     step = np.empty(model.nv)
     mujoco.mj_differentiatePos(model, step, 1.0, start, end)
     return step
@@ -38,7 +38,7 @@ def check_slope(
     most: float,
     round_off: float = 1e-9,
 ) -> None:
-    """Central differences of h and h/2 come to the slope that was found as h^2."""
+    """Check that central differences of h and h/2 converge to the derivative as h^2."""
     errors = [np.linalg.norm((np.asarray(of(s)) - of(-s)) / (2 * s) - result) for s in (h, h / 2)]
     assert errors[1] < most
     assert errors[1] < 0.3 * errors[0] + round_off

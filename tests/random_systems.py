@@ -1,7 +1,7 @@
-"""Random mechanisms whose ranks are drawn, and oracles that eliminate nothing.
+"""Random mechanisms of sampled ranks, and oracles without elimination.
 
-Sizes and ranks are drawn integers, that shrink; entries come from a seed.  What is not zero by rank
-is between 0.5 and 2, so that 1e-8 separates zero from the rest.
+Sizes and ranks are sampled integers, which shrink; entries come from a seed. Singular values that
+are not zero by rank are between 0.5 and 2, so that 1e-8 separates them from zero.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ ZERO = 1e-8
 
 
 def bits(rng: np.random.Generator, A: np.ndarray) -> np.ndarray:
-    """The same numbers with other last bits, as another processor might compute them."""
+    """Perturb the last bits of numbers, as another processor might."""
     return A * (1 + 4e-16 * rng.integers(-3, 4, size=np.shape(A)))
 
 
@@ -25,14 +25,14 @@ def orthogonal(rng: np.random.Generator, size: int) -> np.ndarray:
 
 
 def of_rank(rng: np.random.Generator, rows: int, columns: int, rank: int) -> np.ndarray:
-    """A matrix with `rank` singular values between 0.5 and 2, and no others."""
+    """Return a matrix with `rank` singular values between 0.5 and 2, and no others."""
     U, V = orthogonal(rng, rows)[:, :rank], orthogonal(rng, columns)[:rank]
     return U * rng.uniform(0.5, 2.0, size=rank) @ V
 
 
 @dataclass(frozen=True)
 class RandomSystem:
-    """A system, the ranks it was made from, and numbers for whatever else the test needs."""
+    """Random system with the ranks that it was constructed from, and a generator for the test."""
 
     system: ConstrainedSystem
     reachable: int  # dimension of the task velocities that the actuators reach
@@ -51,7 +51,7 @@ def systems(
     tasks: tuple[int, int] = (1, 6),
     self_motion: bool = True,
 ) -> RandomSystem:
-    """Any mechanism: redundant rows, self-motion, idle joints, bound actuators, lost directions."""
+    """Sample redundant rows, self-motion, unobservable joints, tied actuators, lost directions."""
     n, m = draw(st.integers(*actives)), draw(st.integers(*tasks))
     fixed = draw(st.integers(0, 3))
     moved = draw(st.integers(0, min(m, 2))) if self_motion else 0
@@ -82,7 +82,7 @@ def systems(
 
 @st.composite
 def failures(draw: st.DrawFn, system: ConstrainedSystem) -> ConstrainedSystem:
-    """The system with each actuator sound, locked or free, and perhaps a passive joint stuck."""
+    """Sample each actuator healthy, locked or free, and perhaps a stuck passive joint."""
     n, N = len(system.active), system.J_T.shape[1]
     codes = draw(st.lists(st.integers(0, 2), min_size=n, max_size=n))
     passive = sorted(set(range(N)) - set(system.active.tolist()))
@@ -93,7 +93,7 @@ def failures(draw: st.DrawFn, system: ConstrainedSystem) -> ConstrainedSystem:
 
 @st.composite
 def springs(draw: st.DrawFn, N: int, rng: np.random.Generator) -> np.ndarray:
-    """R of K = R^T R: springs on some joints, or between joints, of any rank."""
+    """Sample R of K = R^T R: springs on some joints, or between joints, of any rank."""
     if draw(st.booleans()):
         on = draw(st.lists(st.booleans(), min_size=N, max_size=N))
         return np.diag(rng.uniform(0.5, 2.0, size=N) * on)
@@ -101,26 +101,26 @@ def springs(draw: st.DrawFn, N: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def with_stiffness(system: ConstrainedSystem, K: np.ndarray) -> ConstrainedSystem:
-    """The same mechanism with springs; its failures stay."""
+    """Return the same mechanism with springs and the same failures."""
     known = system.failures
     made = ConstrainedSystem(system.J_T, system.J_C, system.active, stiffness=K)
     return made.with_failures(known.locked, known.free, known.locked_passive)
 
 
 def rows_of(data: st.DataObject, m: int) -> list[int]:
-    """Any major rows, at least one."""
+    """Sample major rows, at least one."""
     return data.draw(st.lists(st.integers(0, m - 1), min_size=1, unique=True))
 
 
 def major_and_secondary(data: st.DataObject, m: int) -> tuple[list[int], list[int]]:
-    """Any major rows, at least one; and the others, in ascending order."""
+    """Sample major rows, at least one; return also the others, in ascending order."""
     major = rows_of(data, m)
     return major, sorted(set(range(m)) - set(major))
 
 
 @st.composite
 def weights(draw: st.DrawFn, size: int, rng: np.random.Generator) -> np.ndarray | None:
-    """None, a diagonal with zeros in it, or a matrix of any height and rank."""
+    """Sample None, a diagonal with zeros in it, or a matrix of any height and rank."""
     kind = draw(st.sampled_from(["none", "diagonal", "matrix"]))
     if kind == "none":
         return None
@@ -139,7 +139,7 @@ def as_matrix(W: np.ndarray | None, size: int) -> np.ndarray:
 
 @st.composite
 def pairs(draw: st.DrawFn, n: int, *, infinite: bool = True) -> tuple[np.ndarray, np.ndarray]:
-    """Limits of n actuators: around zero, one-sided, on zero, equal, off zero, infinite."""
+    """Sample limits of n actuators: around zero, one-sided, on zero, equal, off zero, infinite."""
     rng = np.random.default_rng(draw(SEEDS))
     lower, upper = -rng.uniform(0.5, 2.0, size=n), rng.uniform(0.5, 2.0, size=n)
     kinds = ["two-sided", "two-sided", "pull", "lock", "jam", "off zero"]

@@ -1,4 +1,4 @@
-"""The solver of levels under bounds: against oracles, by hand, and laws of what changes nothing."""
+"""Test the lexicographic solver against oracles, exact cases, and invariances."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,27 +19,27 @@ LONG = pytest.mark.long
 
 @dataclass(frozen=True)
 class Batch:
-    """B problems of one shape: levels A (B, k, n), b (B, k), and bounds (B, n)."""
+    """Batch of B problems of one shape: levels A (B, k, n), b (B, k), and bounds (B, n)."""
 
     levels: Sequence[tuple[np.ndarray, np.ndarray]]
     lower: np.ndarray
     upper: np.ndarray
 
     def residuals(self, k: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """|A_k x - b_k|, and the size of what it is computed from, (B,)."""
+        """Return |A_k x - b_k|, and the size of its terms, (B,)."""
         A, b = self.levels[k]
         size = sizes(A) * (1 + np.linalg.norm(x, axis=1)) + np.linalg.norm(b, axis=1)
         return np.linalg.norm(times(A, x) - b, axis=1), size
 
 
 def one(levels: Any, lower: Any, upper: Any) -> Batch:
-    """A single problem."""
+    """Return a single problem."""
     made = [(np.array(A, float)[None], np.array(b, float)[None]) for A, b in levels]
     return Batch(made, np.array(lower, float)[None], np.array(upper, float)[None])
 
 
 class Found(NamedTuple):
-    """What the kernel writes."""
+    """Outputs of the kernel."""
 
     x: np.ndarray
     state: np.ndarray
@@ -99,13 +99,13 @@ def kernel(
 
 
 def unlimited(batch: Batch) -> Batch:
-    """The same without bounds."""
+    """Return the same problems without bounds."""
     side = np.full(batch.lower.shape, INF)
     return Batch(batch.levels, -side, side)
 
 
 def starts(rng: np.random.Generator, batch: Batch) -> list[Found]:
-    """Solved cold, and warm from the optima without bounds, from far outside and from vertices."""
+    """Yield solutions from a cold start, and warm from unbounded optima, far points, vertices."""
     shape = batch.lower.shape
     states = rng.integers(-1, 2, shape), rng.choice([-1, 1], shape)
     far = 1e3 * rng.normal(size=shape)
@@ -118,7 +118,7 @@ def starts(rng: np.random.Generator, batch: Batch) -> list[Found]:
 def random_batch(
     rng: np.random.Generator, count: int, n: int, rows: Sequence[int], heavy: bool = False
 ) -> Batch:
-    """Problems with dependent, repeated and nearly repeated rows, zero columns, equal bounds.
+    """Return problems with dependent, repeated and nearly repeated rows, and equal bounds.
 
     Half of them have small integers, with many ties and degenerate vertices. Levels are scaled by
     1e-9 to 1e9. `heavy`: rows have weights 0, 1 and 1e8.
@@ -163,12 +163,12 @@ def random_batch(
 
 
 def known(batch: Batch) -> Known:
-    """By enumeration."""
+    """Return the solutions by enumeration."""
     return enumerated(batch.levels, batch.lower, batch.upper)
 
 
 def assert_equal_solutions(batch: Batch, x: np.ndarray, known: Known) -> None:
-    """Every level as good, and x as far as it is determined, where no rank is in doubt."""
+    """Assert equal residuals, and equal x if determined, unless a rank is uncertain."""
     clear = known.gap > 100
     assert clear.mean() > 0.6  # of six problems
     allowed = 1e-10 * known.condition
@@ -194,7 +194,7 @@ SHAPES = [
 
 
 def worst(batch: Batch, k: int, x: np.ndarray) -> float:
-    """Of the conditions of an optimum, of problem k."""
+    """Return the largest violation of the optimality conditions of problem k."""
     levels = [(A[k], b[k]) for A, b in batch.levels]
     return certificate(levels, batch.lower[k], batch.upper[k], x[k])
 
@@ -207,7 +207,7 @@ def worst(batch: Batch, k: int, x: np.ndarray) -> float:
     [(0, 12, 4), *(pytest.param(k, 100, 12, marks=LONG) for k in range(1, 11))],
 )
 def test_enumeration_of_active_sets_finds_no_better_answer(seed, count, heavy):
-    """So many problems of each shape, and of some whose rows have other weights."""
+    """Check problems of each shape, some with rows of different weights."""
     rng = np.random.default_rng(seed)
     for n, rows in SHAPES:
         batch = random_batch(rng, count, n, rows)
@@ -243,8 +243,8 @@ def test_the_conditions_of_an_optimum_hold_in_many_unknowns(seed, count):
 # Starts.
 
 
-def test_a_warm_start_at_a_vertex_is_left():
-    """Round-off of a level that is met there holds no bound: 1 of 3,000 was left a vertex off."""
+def test_a_warm_start_leaves_a_suboptimal_vertex():
+    """Check that round-off of a level satisfied there keeps no bound active (1 of 3,000 failed)."""
     rng, shape = np.random.default_rng(0), (20_000, 4)
     side = rng.choice([-1, 1], shape)
     lower, upper = -rng.uniform(0.1, 1, shape), rng.uniform(0.1, 1, shape)
@@ -257,8 +257,8 @@ def test_a_warm_start_at_a_vertex_is_left():
     assert (abs(cold.x - vertex).max(axis=1) > 1e-3).mean() > 0.3
 
 
-def test_no_bound_is_held_by_a_direction_that_counts_as_zero():
-    """The level asks x_1 beyond its bound; x_3, of which it says nothing but round-off, is free.
+def test_no_bound_is_active_due_to_a_zero_direction():
+    """Check a level with target beyond the bound of x_1 and round-off in x_3, which must be free.
 
     What counts as zero, 7e-12 of the size, turns what the level leaves by 1e-9: towards x_1.
     """
@@ -290,7 +290,7 @@ def test_no_bound_is_held_by_a_direction_that_counts_as_zero():
         ([([[1, 5e-324]], [1])], [-9, -9], [9, 9], [1, 0]),
     ],
 )
-def test_answers_known_by_hand(levels, lower, upper, x):
+def test_exact_solutions(levels, lower, upper, x):
     batch = one(levels, lower, upper)
     far = np.full((1, len(x)), 1e9), np.zeros((1, len(x)))
     for result in (kernel(batch), kernel(batch, start=far)):  # no round-off of 1e9 is left
@@ -308,7 +308,7 @@ def test_numbers_below_1e_150_count_as_zero():
 
 @pytest.mark.parametrize("n", [3, 8, 20, 30])
 def test_degenerate_problems_end_and_are_optimal(n):
-    """Optima at corners, repeated columns, parallel rows, ties everywhere: no endless exchange."""
+    """Check optima at corners, repeated columns, parallel rows and ties, which could cycle."""
     rng, shape = np.random.default_rng(n), (10, n, n)
     lower, upper = -np.ones((10, n)), rng.integers(0, 2, (10, n)).astype(float)
     corner = np.where(rng.random((10, n)) < 0.5, lower, upper)
@@ -342,7 +342,7 @@ def sample() -> tuple[Batch, Known]:
 
 
 def assert_same(result: Found, other: Found) -> None:
-    """In every bit."""
+    """Assert bit-wise equality."""
     for name, a, b in zip(Found._fields, result, other, strict=True):
         assert a.tobytes() == b.tobytes(), name
 
@@ -352,7 +352,7 @@ def assert_same(result: Found, other: Found) -> None:
     [(2, 300, 1.0), (10, 90, 1.0), *((1, 0, size) for size in (2.0**-300, 2.0**300, 3e-90, 7e90))],
 )
 def test_units_change_nothing_and_powers_of_two_not_a_bit(sample, base, most, size):
-    """A unit for each level, or another for x."""
+    """Check a unit for each level, or another one for x."""
     batch, best = sample
     units = float(base) ** np.random.default_rng(1).integers(-most, most + 1, (2, COUNT))
     levels = [
@@ -366,8 +366,8 @@ def test_units_change_nothing_and_powers_of_two_not_a_bit(sample, base, most, si
         assert_same(result, kernel(batch))
 
 
-def test_a_batch_has_the_bits_of_its_problems_one_by_one(sample):
-    """And one pair of bounds for all is as good as a pair for each."""
+def test_a_batch_equals_its_problems_bit_by_bit(sample):
+    """Check as well that one pair of bounds for all equals a pair for each."""
     batch, *_ = sample
     common = Batch(batch.levels, batch.lower[:1], batch.upper[:1])
     same = Batch(
@@ -382,16 +382,16 @@ def test_a_batch_has_the_bits_of_its_problems_one_by_one(sample):
         assert_same(alone, Found(*(each[only] for each in whole)))
 
 
-def test_x_does_not_depend_on_what_the_room_for_work_holds(sample):
+def test_x_does_not_depend_on_the_initial_workspace(sample):
     batch, *_ = sample
-    kinds: list[dict[str, Any]] = [{}, {"beside": True}, {"damping": [0.1, 0.2]}]
+    kinds: list[dict[str, Any]] = [{}, {"combined": True}, {"damping": [0.1, 0.2]}]
     for weight in ([1.0, 2.0, 3.0, 4.0], [1.0, 1.0, 0.0, 0.0]):
         kinds.append({"weight": np.array(weight)})
     for others in kinds:
         assert_same(kernel(batch, room=np.nan, **others), kernel(batch, room=1e300, **others))
 
 
-def test_running_out_of_steps_leaves_x_within_bounds_and_says_so(sample):
+def test_too_few_steps_leave_x_within_bounds_with_status_unfinished(sample):
     batch, *_ = sample
     whole, unfinished = kernel(batch), 0
     for most in range(6):
@@ -443,7 +443,7 @@ def test_a_weighted_norm_is_its_rows_after_the_last_level_or_in_it(sample, weigh
 
 @pytest.mark.parametrize("weight", WEIGHTS)
 def test_ranks_are_those_of_all_rows_up_to_each_level(sample, weight):
-    """Whatever is least at last: also where weights are rows of their own."""
+    """Check all final norms, also weights that are rows of their own."""
     batch = unlimited(sample[0])
     result = kernel(batch, weight=weight and np.array(weight))
     rows = [A / np.maximum(sizes(A), 1e-300)[:, None, None] for A, _ in batch.levels]
@@ -452,8 +452,8 @@ def test_ranks_are_those_of_all_rows_up_to_each_level(sample, weight):
     np.testing.assert_array_equal(result.ranks.cumsum(axis=1)[clear], np.transpose(upto)[clear])
 
 
-def test_the_gap_is_that_of_the_singular_values_within_20():
-    """And not below for nothing: within 20 of it. Where it is large, the rank is right."""
+def test_the_gap_equals_that_of_the_singular_values_within_20():
+    """Check that the gap is within a factor of 20, and the rank correct if the gap is large."""
     rng, n = np.random.default_rng(0), 5
     sigma = 10.0 ** rng.uniform(-13, 0, (500, n))
     sigma[:, 0] = 1.0

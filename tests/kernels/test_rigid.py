@@ -1,4 +1,4 @@
-"""The motion of a mechanism from one posture to the next: against numpy and MuJoCo."""
+"""Test rigid-body functions against numpy and MuJoCo."""
 
 import mujoco
 import numpy as np
@@ -22,8 +22,8 @@ def test_displacements_are_rotation_vectors_and_translations(largest):
     np.testing.assert_array_equal(Pose(R, t).displacement(), result)
 
 
-def test_a_mechanism_moves_as_its_closures_and_drives_ask():
-    """J_C x = -gaps first, then the drives that are held; what nothing determines stays."""
+def test_a_motion_closes_the_loops_then_moves_the_drives():
+    """Check J_C x = -gaps first, then fixed drives; undetermined motion is zero."""
     rng = np.random.default_rng(4)
     J_C, gaps = rng.normal(size=(3, 7)), 1e-3 * rng.normal(size=2)
     active, fixed = np.array([4, 5, 6]), np.array([2, 0])
@@ -49,7 +49,7 @@ def test_a_mechanism_moves_as_its_closures_and_drives_ask():
 
 
 @pytest.mark.parametrize("name", ["arm", "hand", "arms", "platform"])
-def test_a_posture_says_what_mujoco_says_at_its_joint_positions(name):
+def test_a_posture_equals_mujoco_at_its_joint_positions(name):
     model = load_model(MODELS / f"{name}.xml")
     mechanism = Mechanism(model, site="payload")
     rng, n = np.random.default_rng(5), len(mechanism.nominal.displacements)

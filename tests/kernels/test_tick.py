@@ -1,4 +1,4 @@
-"""The compiled parts of a simulated tick, against numpy and scipy over random poses."""
+"""Test the kernels of a simulated tick against numpy and scipy at random poses."""
 
 import numpy as np
 import pytest
@@ -30,8 +30,8 @@ def test_a_pose_turns_about_its_rotation_vector_and_then_shifts(angle):
 
 
 @seeds
-def test_a_step_ends_where_the_twist_of_the_missing_lengths_leads(seed):
-    """And the struts follow to second order of the step."""
+def test_a_newton_step_applies_the_twist_of_the_length_errors(seed):
+    """Check as well that the struts follow to second order of the step."""
     rng = np.random.default_rng(seed)
     bottom, top = rng.normal(size=(2, 6, 3))
     geometry, at = Hexapod(bottom - [0, 0, 5], top), pose(rng)  # struts long enough for a direction
@@ -80,8 +80,8 @@ def test_the_largest_gap_in_its_unit_hides_none_that_is_not_finite(bad):
 
 
 @pytest.mark.parametrize("mixed", [False, True], ids=["hexapod", "tendon and joint"])
-def test_a_log_has_what_the_plant_says_of_itself_at_each_tick(mixed):
-    """Also with drives of both kinds, seen from the world."""
+def test_a_log_equals_the_state_of_the_plant_at_each_tick(mixed):
+    """Check drives of both kinds, with world axes."""
     plant = started("drives") if mixed else Plant(load_model())
     sensors, period_s = TaskSensor([0], 0.0, 0.0, seed=0), plant.model.opt.timestep * 4
     bench = Bench(plant, sensors, time_s=np.arange(3.0), period_s=period_s, keep_qpos=True)

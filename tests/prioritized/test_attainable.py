@@ -1,4 +1,4 @@
-"""Attainable sets: what limits of rates and torques leave of the major task."""
+"""Test attainable sets of the major task within limits of rates and torques."""
 
 import itertools
 
@@ -16,7 +16,7 @@ from tests.random_systems import failures, pairs, rows_of, systems
 
 
 def largest(d, equalities, x_of, limits) -> float:
-    """Largest d @ x of x with equalities @ x = 0 and limits on x_of @ x, by linear programming.
+    """Return the largest d @ x with equalities @ x = 0 and limits on x_of @ x, by linprog.
 
     Infinite if it has no bound, minus infinity if there is no such x.
     """
@@ -32,14 +32,14 @@ def largest(d, equalities, x_of, limits) -> float:
 
 
 def directions(rng: np.random.Generator, m1: int, count: int = 10) -> np.ndarray:
-    """Some along axes, some anywhere."""
+    """Return some directions along axes, and some random ones."""
     return np.vstack([rng.normal(size=(count, m1)), np.eye(m1), -np.eye(m1)])
 
 
 @pytest.mark.parametrize("of", ["velocities", "forces"])
 @given(st.data(), systems(actives=(1, 4), tasks=(1, 4)))
 def test_the_support_is_the_optimum_over_all_motions_or_equilibria(of, data, sample):
-    """Linear programs: all N velocities that close the loops; forces on all joints, eq. (5)."""
+    """Compare with linear programs in all N velocities, or forces on all joints, eq. (5)."""
     rates = of == "velocities"
     system, N, m = (
         data.draw(failures(sample.system)),
@@ -64,7 +64,7 @@ def test_the_support_is_the_optimum_over_all_motions_or_equilibria(of, data, sam
 
 
 def basic_points(a: Attainable) -> np.ndarray:
-    """G x of every basic solution: some x at limits, the others as the constraints say."""
+    """Return G x of every basic solution: some x at limits, the others given by the constraints."""
     C = a.constraint
     r, n = C.shape
     points = []
@@ -82,7 +82,7 @@ def basic_points(a: Attainable) -> np.ndarray:
 
 
 def radius_of(points: np.ndarray) -> float:
-    """Of the largest ball about zero in the hull of points."""
+    """Return the radius of the largest ball about zero in the hull of points."""
     m1 = points.shape[1]
     flat = len(points) <= m1 or np.linalg.svd(points - points[0], compute_uv=False)[m1 - 1] < 1e-8
     if flat:
@@ -94,7 +94,7 @@ def radius_of(points: np.ndarray) -> float:
 
 @given(st.data(), systems(actives=(1, 4), tasks=(1, 3), self_motion=False))
 def test_the_radius_is_that_of_the_hull_of_all_extreme_motions(data, sample):
-    """Every corner of the set is an extreme motion, and in each direction a corner is farthest."""
+    """Check as well that every corner is an extreme motion, and the farthest in some direction."""
     n, m = len(sample.system.active), len(sample.system.J_T)
     major, limits = rows_of(data, m), data.draw(pairs(n, infinite=False))
     a = sample.system.kinematics().attainable(major, limits)
@@ -125,7 +125,7 @@ def test_a_set_grows_with_its_limits(unit):
 
 @given(st.data(), systems(actives=(1, 4), tasks=(1, 3)))
 def test_no_limits_are_limits_that_are_wide_enough(data, sample):
-    """An infinite limit is the end of wider and wider ones, for velocities and for forces."""
+    """Compare infinite limits with increasing ones, for velocities and forces."""
     n, m = len(sample.system.active), len(sample.system.J_T)
     major, (lower, upper) = rows_of(data, m), data.draw(pairs(n))
     kin = sample.system.kinematics()
@@ -158,7 +158,7 @@ def arm() -> ConstrainedSystem:
 
 
 def geared() -> ConstrainedSystem:
-    """Two motors on one shaft, turning against each other: their rates add to zero."""
+    """Return two motors on one shaft in opposite directions: their rates add to zero."""
     return ConstrainedSystem([[1.0, 0.0]], [[1.0, 1.0]], [0, 1])
 
 
@@ -171,7 +171,7 @@ def assert_set(a, status: AttainableStatus, radius: float, support, direction=(1
 
 @given(st.floats(-9.0, 0.0))
 def test_the_speed_of_an_arm_falls_to_zero_as_it_stretches_out(exponent):
-    """A parallelogram's height; at the singularity itself the direction is out of reach."""
+    """Compare with a parallelogram's height; at the singularity the direction is unreachable."""
     bend = 10.0**exponent
     tip = np.array([1 + np.cos(bend), np.sin(bend)])
     elbow = np.array([np.cos(bend), np.sin(bend)])
@@ -186,7 +186,7 @@ def test_the_speed_of_an_arm_falls_to_zero_as_it_stretches_out(exponent):
 
 @given(st.floats(-8.5, -1.0))
 def test_rates_without_limits_do_not_hide_the_limit_of_a_slow_one(exponent):
-    """A limited motor turns two others, which have no limits, 1/ratio times as fast as itself.
+    """Check a limited motor that drives two unlimited ones at 1/ratio times its own rate.
 
     Their columns of the constraint are then nearly parallel.
     """
@@ -198,8 +198,8 @@ def test_rates_without_limits_do_not_hide_the_limit_of_a_slow_one(exponent):
     np.testing.assert_allclose([a.radius, *a.support([[1], [-1]])], expected, rtol=1e-6)
 
 
-def test_the_status_says_why_the_radius_is_zero():
-    """Out of reach, no room about zero, a contradiction, or a task that moves by itself."""
+def test_the_status_explains_a_zero_radius():
+    """Check unreachable directions, limits that exclude zero, contradictions, and self-motion."""
     status, kin, pair = AttainableStatus, arm().kinematics(), geared().kinematics()
     locked = kin.attainable([0, 1], ([-1, 0], [1, 0]))
     assert_set(locked, status.UNREACHABLE, 0.0, 1.0, [1, 5])
@@ -221,8 +221,8 @@ def test_the_status_says_why_the_radius_is_zero():
     assert_set(loose.kinematics().attainable_force([0], (-1, 1)), status.UNREACHABLE, 0.0, 0.0)
 
 
-def test_what_the_structure_bears_has_no_limit():
-    """A crane whose slewing is locked: any moment about the mast, without a torque."""
+def test_forces_borne_by_the_structure_are_unlimited():
+    """Check a crane with locked slewing: it bears any moment about the mast without torque."""
     locked = arm().with_failures(locked=[0]).kinematics()
     fixed = locked.attainable_force([0, 1], (-1, 1))
     assert_set(fixed, AttainableStatus.INTERIOR, 1.0, np.inf, [1, 0])
@@ -234,8 +234,8 @@ def test_what_the_structure_bears_has_no_limit():
     assert arm().kinematics().attainable([0, 1], (-1, 1)).bounded
 
 
-def test_a_task_of_too_many_facets_is_refused_at_once():
-    """40 joints and 6 rows: 658008 sets of five joints, each a candidate for a facet."""
+def test_a_task_of_too_many_facets_raises_immediately():
+    """Check 40 joints and 6 rows: 658008 sets of five joints, each a candidate for a facet."""
     arm = ConstrainedSystem(np.random.default_rng(0).normal(size=(6, 40)), None, range(40))
     with pytest.raises(ValueError, match="major must leave at most 100000 sets of actuators"):
         arm.kinematics().attainable(range(6), (-1, 1))

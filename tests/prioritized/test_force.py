@@ -1,4 +1,4 @@
-"""Laws of the force mapping, Problem 6, with internal forces and self-motion."""
+"""Test the force mapping, Problem 6, with internal forces and self-motion."""
 
 import numpy as np
 from hypothesis import given
@@ -20,7 +20,7 @@ from tests.random_systems import (
 
 @given(SEEDS, st.integers(1, 3), st.integers(1, 4), st.integers(0, 3))
 def test_theorems_7_8_and_9_are_special_cases(seed, m1, m2, extra):
-    """Without self-motion and internal force the torques are those of the paper."""
+    """Compare with the paper's torques without self-motion and internal force."""
     n = m2 + extra
     rng = np.random.default_rng(seed)
     J_m, J_s = rng.normal(size=(m1, n)), of_rank(rng, m2, n, m2)
@@ -45,7 +45,7 @@ def test_theorems_7_8_and_9_are_special_cases(seed, m1, m2, extra):
 
 @given(st.data(), systems())
 def test_torques_are_the_lexicographic_optimum_over_all_forces(data, sample):
-    """Against eqs. (8) and (9) with every constraint force unknown; nothing is eliminated."""
+    """Compare with eqs. (8) and (9) for all constraint forces, without elimination."""
     system = data.draw(failures(sample.system))
     kin = system.kinematics()
     rng, m, n = sample.rng, len(system.J_T), len(kin.active)

@@ -1,4 +1,4 @@
-"""Hierarchies of tasks under limits, damped or not: velocity mappings, oracles, other poses."""
+"""Test hierarchies under limits, damped or not: velocity mappings, oracles, other poses."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ DAMPED = st.one_of(st.just(0.0), st.floats(0.01, 2.0))
 
 
 def arm(J: np.ndarray) -> Kinematics:
-    """An open chain with this Jacobian."""
+    """Return an open chain with this Jacobian."""
     return ConstrainedSystem(J, None, range(J.shape[1])).kinematics()
 
 
@@ -27,7 +27,7 @@ def null_projector(A: np.ndarray) -> np.ndarray:
 @given(st.data(), systems(tasks=(1, 5)), st.one_of(st.just(0.0), st.floats(1e-3, 1.0)))
 @examples(100)
 def test_two_levels_are_a_velocity_mapping(data, sample, damping):
-    """The major task, then goals of rates and secondary velocity side by side; failures too."""
+    """Compare the major task, then rates and secondary velocity in one level; with failures."""
     system, rng = data.draw(failures(sample.system)), sample.rng
     kin, n_all = system.kinematics(), len(sample.system.active)
     m, n = kin.J.shape
@@ -48,7 +48,7 @@ def test_two_levels_are_a_velocity_mapping(data, sample, damping):
 @given(SEEDS, st.integers(2, 4), DAMPED, DAMPED)
 @examples(80)
 def test_three_levels_are_the_best_of_every_active_set(seed, n, first, second):
-    """Damping is more rows: the singular vectors of a level on what those before it leave."""
+    """Compare with enumeration, damping as further rows: singular vectors on the null space."""
     rng = np.random.default_rng(seed)
     J, W, W1 = of_rank(rng, 3, n, min(3, n)), rng.uniform(0.5, 2, 2), rng.uniform(0.5, 2, n)
     lower, upper = -rng.uniform(0.1, 0.5, n), rng.uniform(0.1, 0.5, n)
@@ -71,8 +71,8 @@ def test_three_levels_are_the_best_of_every_active_set(seed, n, first, second):
 
 
 @given(SEEDS, st.integers(2, 6), st.booleans())
-def test_an_interval_is_met_after_the_levels_before_it(seed, n, first):
-    """As intervals of lexicographic least squares on the rows of the mechanism."""
+def test_an_interval_is_satisfied_after_the_previous_levels(seed, n, first):
+    """Compare with intervals of lexicographic least squares on the rows of the mechanism."""
     rng = np.random.default_rng(seed)
     kin, low = arm(of_rank(rng, 3, n, min(3, n))), rng.normal(size=2)
     interval, v = (low, low + rng.uniform(0, 0.5, 2)), rng.normal(size=1)
@@ -110,7 +110,7 @@ def test_the_status_is_that_of_the_first_level(J, active, target, more, status):
 
 @pytest.mark.parametrize("level", [0, 1])
 def test_rates_stay_bounded_as_a_singular_value_vanishes(level):
-    """By |target| / (2 damping), whichever level is damped."""
+    """Check the bound |target| / (2 damping), for damping of any level."""
     for seed in range(scaled(340)):
         rng, least = np.random.default_rng(seed), 10.0 ** -(seed % 17) * (seed % 17 > 0)
         damping, v = 10.0 ** -rng.uniform(0, 6), rng.normal(size=3)
@@ -126,7 +126,7 @@ def test_rates_stay_bounded_as_a_singular_value_vanishes(level):
 
 @given(SEEDS, st.floats(1e-3, 10.0), st.integers(0, 9))
 def test_levels_after_a_damped_one_have_its_null_space(seed, damping, nearness):
-    """The second level is met exactly, and costs the first nothing; that has a row too many."""
+    """Check that the second level is exact and the first unaffected, with a redundant row."""
     rng = np.random.default_rng(seed)
     Q = orthogonal(rng, 7)
     near = np.diag([1.0, 10.0**-nearness]) @ Q[:2]
@@ -142,8 +142,8 @@ def test_levels_after_a_damped_one_have_its_null_space(seed, damping, nearness):
 
 @given(SEEDS, st.floats(0.01, 1.0), st.booleans())
 @examples(40)
-def test_what_damping_costs_is_the_difference_to_the_undamped_levels(seed, damping, limited):
-    """In every level, the undamped second one too: the other hierarchy is the oracle."""
+def test_the_damping_error_is_the_difference_to_the_undamped_levels(seed, damping, limited):
+    """Compare with the undamped hierarchy in every level, also in an undamped second one."""
     rng = np.random.default_rng(seed)
     J, v = of_rank(rng, 4, 5, 4), rng.normal(size=4)
     box = (-0.3, 0.3) if limited else None
@@ -159,7 +159,7 @@ def test_what_damping_costs_is_the_difference_to_the_undamped_levels(seed, dampi
 
 
 @given(SEEDS, st.floats(0.01, 1.0))
-def test_an_interval_beside_a_damped_level_holds_or_changes_nothing(seed, damping):
+def test_an_interval_with_a_damped_level_holds_or_changes_nothing(seed, damping):
     rng = np.random.default_rng(seed)
     J, low, v = of_rank(rng, 3, 4, 3), rng.normal(size=1), rng.normal(size=2)
     kin, damped = arm(J), Task([1, 2], damping=damping)
@@ -184,8 +184,8 @@ def test_the_largest_damping_of_a_level_counts():
 
 
 @given(SEEDS, st.integers(-119, 99), st.integers(-119, 99))
-def test_rates_are_finite_whatever_the_sizes_of_weight_and_damping(seed, weight, damping):
-    """Damping of 1e99 beside a weight of 1e-100 gave NaN."""
+def test_rates_are_finite_for_any_weight_and_damping(seed, weight, damping):
+    """Check damping of 1e99 with a weight of 1e-100, which gave NaN."""
     rng = np.random.default_rng(seed)
     kin, v, d = arm(rng.normal(size=(1, 3))), rng.normal(size=1), rng.normal(size=3)
     w, damping = 10.0**weight * rng.uniform(0.5, 2, 3), 10.0**damping
@@ -200,7 +200,7 @@ def test_rates_are_finite_whatever_the_sizes_of_weight_and_damping(seed, weight,
 
 
 class Measured:
-    """Exact entries, in units of rad for some task rows and velocities and of m for the others."""
+    """Exact entries with units of rad for some task rows and velocities and of m for the others."""
 
     error_bound = 0.0
 
@@ -211,7 +211,7 @@ class Measured:
 
 
 def assert_same(result: Any, expected: Any, targets: list[Any]) -> None:
-    """Not a bit of their answers differs."""
+    """Assert bit-wise equality of two solutions."""
     a, b = result.solve(targets), expected.solve(targets)
     np.testing.assert_array_equal(a.rates, b.rates)
     np.testing.assert_array_equal(a.packed.A, b.packed.A)
@@ -221,8 +221,8 @@ def assert_same(result: Any, expected: Any, targets: list[Any]) -> None:
 
 @given(st.data(), systems(tasks=(2, 5), actives=(2, 4)), st.integers(-18, 0), st.booleans())
 @examples(100)
-def test_levels_at_another_pose_are_those_made_there(data, sample, nearness, in_metres):
-    """After other failures, near singular poses, with weights of all actuators, in two units."""
+def test_levels_at_another_pose_equal_those_created_there(data, sample, nearness, in_metres):
+    """Check failures, near-singular poses, weights of all actuators, and mixed units."""
     first, rng, n = sample.system, sample.rng, len(sample.system.active)
     m, N = first.J_T.shape
     J_T = first.J_T.copy()

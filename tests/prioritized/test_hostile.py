@@ -1,4 +1,4 @@
-"""No hostile argument of `prioritized` ends in anything but one sentence or finite numbers."""
+"""Test that a hostile argument of `prioritized` ends in one sentence or in finite numbers."""
 
 from functools import cache
 from typing import Any
@@ -24,14 +24,14 @@ from tests.hostile import Room, one_by_one, public, two_at_once
 
 
 def one_level(levels: Any, lower: Any) -> Any:
-    """Numbers of a level, which is a row of them."""
+    """Solve with the numbers of one level."""
     return prioritized.lexicographic_least_squares(
         [(levels, lower), (np.eye(3, 4), -1.0, 1.0)], lower=-1.0, upper=1.0
     )
 
 
 def one_target(targets: Any) -> Any:
-    """The numbers of one target of two."""
+    """Solve with the numbers of one target of two."""
     return room().of["Hierarchy"].solve([targets, None])
 
 
@@ -48,7 +48,7 @@ FOUND = public(prioritized, Postures, one_level, one_target, trusted=TRUSTED)
 
 
 def numbers(result: Any, **more: Any) -> dict[str, Any]:
-    """All public numbers of what the library returns, its status, and what it makes of ones."""
+    """Return all public numbers of a result, and its status."""
     names = "x rates torques residual residuals scale gains active gap steps certificate status"
     names += " secondary_force internal_force active_rows active_limits damping_errors J gain"
     names += " self_motion active_constraint passive_gain passive_self_motion major joint secondary"
@@ -57,7 +57,7 @@ def numbers(result: Any, **more: Any) -> dict[str, Any]:
 
 
 def velocities(mapping: VelocityMapping) -> dict[str, Any]:
-    """An exact one must meet its major task."""
+    """Return the numbers of a mapping; an exact one must achieve its major task."""
     v = np.ones(len(mapping._problem.S_m))
     rates = mapping(v)
     if mapping.status is prioritized.Status.EXACT and mapping._limiting is None:
@@ -80,13 +80,13 @@ def mechanism(kin: Kinematics) -> dict[str, Any]:
 
 
 def extent(a: prioritized.Attainable) -> dict[str, Any]:
-    """Infinite where no limit is."""
+    """Return the numbers of a set, infinite where there is no limit."""
     return numbers(a, radius_gap=a.radius, support_gap=a.support(np.eye(len(a.gain))), said=str(a))
 
 
 @cache
 def room() -> Room:
-    """Three task rows of four joints as numbers, and of three motors and two passive joints."""
+    """Return three task rows of four joints, and of three motors and two passive joints."""
     rng = np.random.default_rng(7)
     J, J_T, J_C = rng.normal(size=(3, 4)), rng.normal(size=(3, 5)), rng.normal(size=(1, 5))
     batch, many_J_T, many_J_C = (rng.normal(size=(2, *shape)) for shape in ((3, 4), (3, 5), (1, 5)))
@@ -122,7 +122,7 @@ def room() -> Room:
     three |= {"tie_metric": np.ones(3)}
 
     def box(**more: Any) -> dict[str, Any]:
-        """A velocity mapping of a secondary task within limits."""
+        """Return arguments of a velocity mapping with a secondary task within limits."""
         return {"secondary": [2], "secondary_weight": np.ones(1)} | more
 
     good = {

@@ -1,4 +1,4 @@
-"""Laws of every mapping: all ways give one answer, a batch is its elements, nothing is shared."""
+"""Test invariances of the mappings: equal results by all methods, in batches, and in threads."""
 
 import copy
 import pickle
@@ -42,8 +42,8 @@ def by_gains(mapping, *aims):
 
 @given(st.data(), systems(), st.sampled_from([0.3, 3.0, np.inf]))
 @examples(200)
-def test_every_way_to_the_rates_gives_the_same(data, sample, size):
-    """Of any ranks, after any failures, at another pose, within limits and without."""
+def test_all_methods_give_equal_rates(data, sample, size):
+    """Check any ranks and failures, another pose, with limits and without."""
     here, rng = data.draw(failures(sample.system)), sample.rng
     N_all, first = len(sample.system.active), here.kinematics()
     there = here.at(orthogonal(rng, len(here.J_T)) @ here.J_T)
@@ -93,8 +93,8 @@ def test_every_way_to_the_rates_gives_the_same(data, sample, size):
 
 
 @pytest.mark.parametrize("kind", ["i8", "f4", ">f8", "F"])
-def test_arrays_of_any_type_and_order_of_memory_are_taken(kind):
-    """Those that are not plain go through the checks, and give the same rates."""
+def test_arrays_of_any_type_and_memory_order_are_accepted(kind):
+    """Compare arrays that need conversion with plain ones."""
     J, w = np.array([[1, 2, 0], [0, 1, 3]]), np.array([1, 2, 3])
 
     def other(A: np.ndarray) -> np.ndarray:
@@ -114,8 +114,8 @@ def test_arrays_of_any_type_and_order_of_memory_are_taken(kind):
         )
 
 
-def test_what_was_looked_up_before_hides_no_wrong_row():
-    """True is equal to 1, and no index."""
+def test_cached_selections_do_not_accept_invalid_rows():
+    """Check that True, which equals 1, is refused as an index."""
     J, w = np.random.default_rng(0).normal(size=(3, 3)), np.ones(3)
     velocity_mapping(J, [1], [0], w)
     for major, secondary in (([True], [0]), ([1], [False]), ([1.0], [0])):
@@ -124,8 +124,8 @@ def test_what_was_looked_up_before_hides_no_wrong_row():
 
 
 @pytest.mark.parametrize("of", ["velocity", "force", "hierarchy", "levels"])
-def test_the_solution_of_the_tick_before_is_a_start(of):
-    """The same answer from it as from nothing, in fewer steps."""
+def test_the_previous_solution_is_a_warm_start(of):
+    """Compare warm with cold start: equal results in fewer steps."""
     rng, steps, limits = np.random.default_rng(0), np.zeros(2), (np.full(6, -0.3), np.full(6, 0.3))
     for _ in range(20):
         J, v = rng.normal(size=(4, 6)), 3 * rng.normal(size=4)
@@ -150,7 +150,7 @@ def test_the_solution_of_the_tick_before_is_a_start(of):
 
 
 def contradictions() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
-    """What is said, and calls whose arguments are right each, but not together."""
+    """Return messages, and calls whose arguments are valid each, but not together."""
     J = np.eye(2)
     system = ConstrainedSystem(J, None, [0, 1])
     kin, wide = system.kinematics(), ConstrainedSystem(np.eye(3), None, [0, 1, 2]).kinematics()
@@ -175,15 +175,15 @@ def contradictions() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]
     yield "rate_limits must be of shape", failure_atlas, atlas | {"rate_limits": limits}
 
 
-def test_arguments_that_contradict_each_other_are_refused():
+def test_contradictory_arguments_raise():
     for message, call, arguments in contradictions():
         with pytest.raises(ValueError, match=message) as error:
             call(**arguments)
         assert "\n" not in str(error.value)
 
 
-def test_rates_at_a_pose_where_the_loop_ties_the_actuators_obey_it():
-    """A loop whose passive joint cannot move any more, though it could where the mapping began."""
+def test_rates_satisfy_a_loop_that_ties_the_actuators_at_another_pose():
+    """Check a loop whose passive joint cannot move any more, unlike at the first pose."""
     J_T, loop = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), np.array([[1.0, -1.0, 1.0]])
     system = ConstrainedSystem(J_T, loop, [0, 1])
     mapping = system.kinematics().velocity_mapping([0], joint_weight=np.ones(2))
@@ -196,14 +196,14 @@ def test_rates_at_a_pose_where_the_loop_ties_the_actuators_obey_it():
 
 LEAD = (2, 3)
 AXES = st.sampled_from([None, (), (3,), LEAD])
-"""Batch axes of an argument; None leaves it out."""
+"""Batch axes of an argument; None omits it."""
 TALL = st.sampled_from([0, 1, 3])
 
 
 @MADE
 @given(st.data(), SEEDS, st.integers(1, 4), st.integers(1, 3))
 def test_any_arguments_may_be_batches_with_or_without_secondary_rows(made, data, seed, n, m):
-    """J, weights, metrics, constraint, self-motion and all three velocities or forces.
+    """Check J, weights, metrics, constraint, self-motion and all three velocities or forces.
 
     Some are singular, some have weights that decide nothing: each in its own way.
     """
@@ -240,7 +240,7 @@ def test_any_arguments_may_be_batches_with_or_without_secondary_rows(made, data,
     kinds = ["__call__", *(["secondary_force", "internal_force"] * (made is force_mapping))]
 
     def part(A: np.ndarray, own: int, at: tuple[int, ...]) -> np.ndarray:
-        """Of one element: the last `own` axes."""
+        """Return the last `own` axes of one element."""
         return np.broadcast_to(A, (*lead, *A.shape[A.ndim - own :]))[at]
 
     def answers(of: Any, *aims: np.ndarray) -> list[np.ndarray]:
@@ -259,7 +259,7 @@ def test_any_arguments_may_be_batches_with_or_without_secondary_rows(made, data,
 
 @pytest.mark.parametrize(("n", "p", "m"), [(6, 2, 6), (9, 2, 4), (4, 3, 5), (3, 3, 3)])
 def test_a_batch_has_the_rates_of_its_elements_near_a_singularity(n, p, m):
-    """The first major row fades from problem to problem, to below what counts."""
+    """Check a first major row that decreases to below the rank threshold."""
     rng, count = np.random.default_rng(0), 53
     J = rng.normal(size=(count, m, n))
     J[:, 0] = J[:, p - 1] + np.logspace(0, -16, count)[:, None] * J[:, 0]
@@ -275,7 +275,7 @@ def test_a_batch_has_the_rates_of_its_elements_near_a_singularity(n, p, m):
 
 @pytest.mark.parametrize("when", ["least_squares", "scaled"])
 @pytest.mark.parametrize("constrained", [False, True])
-def test_a_batch_within_limits_has_the_answers_of_its_elements(when, constrained):
+def test_a_batch_within_limits_equals_its_elements(when, constrained):
     rng = np.random.default_rng(0)
     J, v = rng.normal(size=(4, 3, 5)), rng.normal(size=(2, 4, 2))
     C = rng.normal(size=(4, 1, 5)) if constrained else None
@@ -310,7 +310,7 @@ THREADED = [
 
 
 def methods(J: Any, w: Any, low: Any, high: Any, v: Any) -> dict[str, Method]:
-    """Answers to two numbers, of records made from these arrays; or to v, whatever is asked."""
+    """Return the results of records made from these arrays, for two numbers or for v."""
     box = low, high
     kin = ConstrainedSystem(J, None, range(6)).kinematics()
     limited = kin.velocity_mapping([0, 1], joint_weight=w, rate_limits=box)
@@ -344,8 +344,8 @@ def fresh() -> list[np.ndarray]:
     return [rng.normal(size=(4, 6)), rng.uniform(0.5, 2.0, 6), *sides, np.array([2.0, -0.5])]
 
 
-def test_what_was_given_may_change_afterwards():
-    """A mapping, a mechanism and a solution keep copies."""
+def test_arguments_are_copied():
+    """Check that a mapping, a mechanism and a solution copy their arguments."""
     given_, retained, requested = fresh(), fresh(), np.array([0.3, -0.2])
     result, expected = methods(*given_), methods(*retained)
     for A in given_:
@@ -357,7 +357,7 @@ def test_what_was_given_may_change_afterwards():
 
 
 @pytest.mark.parametrize("how", [copy.copy, copy.deepcopy, lambda A: pickle.loads(pickle.dumps(A))])
-def test_a_copy_of_a_mapping_answers_the_same(how: Callable[[Any], Any]):
+def test_a_copy_of_a_mapping_gives_equal_rates(how: Callable[[Any], Any]):
     for name, method in methods(*fresh()).items():
         if isinstance(method, VelocityMapping | ForceMapping):
             method(np.ones(2))
@@ -366,8 +366,8 @@ def test_a_copy_of_a_mapping_answers_the_same(how: Callable[[Any], Any]):
 
 @pytest.mark.usefixtures("switching")
 @pytest.mark.parametrize("name", THREADED)
-def test_four_threads_get_the_answers_of_one(name):
-    """No answer depends on which call came before it."""
+def test_four_threads_give_the_results_of_one(name):
+    """Check that no result depends on the order of calls."""
     call, count = methods(*fresh())[name], 200 if "limited" in name or name == "velocity" else 20
     targets = np.random.default_rng(0).uniform(-1.0, 1.0, size=(count, 2))
     alone = [call(v) for v in targets]
@@ -379,8 +379,8 @@ def test_four_threads_get_the_answers_of_one(name):
             np.testing.assert_array_equal(answers, [alone[k] for k in order])
 
 
-def test_no_result_can_be_written_to():
-    """The next tick starts from it, and a report shares its bases with the mechanism."""
+def test_results_are_read_only():
+    """Check read-only arrays: the next tick starts from them, and reports share them."""
     A, box = np.ones((3, 4)), (-0.1 * np.ones(3), np.ones(3))
     system = ConstrainedSystem(np.eye(3, 5) + 0.1, np.ones((1, 5)), [0, 1, 2], stiffness=np.ones(5))
     kin = system.kinematics()

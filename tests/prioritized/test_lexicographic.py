@@ -1,4 +1,4 @@
-"""Bounded lexicographic least squares: certificate, interior points, enumeration, attacks."""
+"""Test bounded lexicographic least squares: certificates, interior points, enumeration."""
 
 from typing import Any
 
@@ -41,7 +41,7 @@ def enumerated(problem: Problem) -> np.ndarray:
 
 
 def sample(seed: int, n: int, extent: float = 3.0) -> Problem:
-    """Any kinds of levels, bounds and rows."""
+    """Sample any kinds of levels, bounds and rows."""
     rng = np.random.default_rng(seed)
     kinds = [KINDS[k] for k in rng.integers(0, len(KINDS), rng.integers(1, 4))]
     bounds = ("finite", "mixed")[rng.integers(2)]
@@ -84,7 +84,7 @@ def test_the_conditions_of_an_optimum_hold_at_every_level(n, seed, extent):
 
 
 def test_ties_are_broken_by_the_least_norm_or_by_the_metric():
-    """By hand: of x + y = 2 the nearest to zero is (1, 1), with weights 1 and 2 (1.6, 0.4)."""
+    """Check x + y = 2: the least norm is (1, 1), with weights 1 and 2 it is (1.6, 0.4)."""
     level = [(np.ones((1, 2)), np.array([2.0]))]
     np.testing.assert_allclose(lexicographic_least_squares(level).x, [1, 1], atol=1e-15)
     of_metric = lexicographic_least_squares(level, tie_metric=[1.0, 2.0])
@@ -96,8 +96,8 @@ def test_ties_are_broken_by_the_least_norm_or_by_the_metric():
 
 @given(SEEDS, st.integers(1, 3))
 @examples(30)
-def test_a_later_interval_is_met_as_nearly_as_earlier_levels_let(seed, n):
-    """Enumeration with the values of its rows as unknowns: |G x - s| least, s in the interval."""
+def test_a_later_interval_has_the_least_violation(seed, n):
+    """Compare with enumeration over s in the interval that minimizes |G x - s|."""
     rng = np.random.default_rng(seed)
     A, G = rng.normal(size=(1, n)), rng.normal(size=(2, n))
     lower, upper, low = -rng.uniform(0.1, 1, n), rng.uniform(0.1, 1, n), rng.normal(size=2)
@@ -115,7 +115,7 @@ def test_a_later_interval_is_met_as_nearly_as_earlier_levels_let(seed, n):
 
 
 def proves(result: Solution, G: Any, low: Any, high: Any, lower: Any, upper: Any) -> bool:
-    """Whether y . (G x - s) > 0 for all x between the bounds and s between the limits."""
+    """Return whether y . (G x - s) > 0 for all x within the bounds and s within the limits."""
     assert result.certificate is not None
     y = result.certificate[: len(G)]
     y = np.where(abs(y) > 1e-12 * abs(y).max(), y, 0.0)
@@ -128,8 +128,8 @@ def proves(result: Solution, G: Any, low: Any, high: Any, lower: Any, upper: Any
 
 
 @given(SEEDS, st.integers(1, 8))
-def test_infeasible_rows_come_with_a_proof_and_the_bounds_still_hold(seed, n):
-    """By interval arithmetic over the box; no exception, no NaN."""
+def test_infeasible_rows_have_a_certificate_and_the_bounds_hold(seed, n):
+    """Check the certificate by interval arithmetic over the box."""
     rng = np.random.default_rng(seed)
     G = rng.normal(size=(3, n))
     lower, upper = -rng.uniform(0.1, 1, n), rng.uniform(0.1, 1, n)
@@ -145,7 +145,7 @@ def test_infeasible_rows_come_with_a_proof_and_the_bounds_still_hold(seed, n):
 
 
 def test_feasible_rows_are_never_called_infeasible_far_below_the_optimum():
-    """Rows that leave one point; and from 5e4, where 1e-4 leads, to rows of size one."""
+    """Check rows with a single feasible point, and solutions of 5e4 with rows of size one."""
     rows = np.array([[1.0, 1.0], [-1.0, -1.0]]), np.array([1e-9, -1e-9]), np.full(2, INF)
     target = [(np.eye(2) * [[1.0], [1e-4]], np.array([3.0, 50.0]))]
     result = solve(Problem(tuple(target), np.full(2, -INF), np.full(2, INF), rows))
@@ -158,8 +158,8 @@ def test_feasible_rows_are_never_called_infeasible_far_below_the_optimum():
 
 
 @pytest.mark.parametrize("n", [4, 10])
-def test_klee_mintys_cube_does_not_take_its_path(n):
-    """Rows 4 x_1 + ... + x_k <= 5^k, the largest sum as the level: 2^n corners for a bad pivot."""
+def test_klee_mintys_cube_needs_few_steps(n):
+    """Check rows 4 x_1 + ... + x_k <= 5^k, the largest sum: 2^n corners for a bad pivot rule."""
     G = np.array(
         [[2.0 ** (i - j + 1) if j < i else float(i == j) for j in range(n)] for i in range(n)]
     )
@@ -180,8 +180,8 @@ def test_klee_mintys_cube_does_not_take_its_path(n):
 
 @examples(60)
 @given(problems(most=4))
-def test_the_oracles_agree_and_both_answers_are_certified(problem):
-    """Enumeration and interior points know nothing of each other; the conditions prove both."""
+def test_the_oracles_agree_and_both_solutions_are_certified(problem):
+    """Compare enumeration with interior points, and check the optimality conditions of both."""
     x = enumerated(problem)
     assert worst(problem, x) < 1e-11
     try:

@@ -1,4 +1,4 @@
-"""Mappings under limits: what is promised of the major task, of limits, and of each status."""
+"""Test mappings under limits: priority of the major task, exact limits, and status."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ NIGHT = [pytest.mark.long, pytest.mark.night]
 
 
 def box(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Limits that zero obeys, every tenth pair equal."""
+    """Return limits that zero satisfies, every tenth pair equal."""
     lower, upper = -rng.uniform(0.05, 1, n), rng.uniform(0.05, 1, n)
     fixed = rng.random(n) < 0.1
     lower[fixed] = upper[fixed] = 0.0
@@ -26,7 +26,7 @@ def box(rng: np.random.Generator, n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def task_jacobian(rng: np.random.Generator, m: int, n: int) -> np.ndarray:
-    """Full rank, any rank, or one singular value down to 1e-5."""
+    """Sample full rank, any rank, or one singular value down to 1e-5."""
     kind = rng.integers(0, 3)
     if kind == 0:
         return of_rank(rng, m, n, int(rng.integers(1, min(m, n) + 1)))
@@ -43,7 +43,7 @@ def within(rates: np.ndarray, limits: Any) -> bool:
 
 
 def moved_by_weights(made: Any, when: str, seed: int) -> tuple[float, bool]:
-    """The most by which weights and goals move the major residual, relative; whether limited."""
+    """Return the largest relative change of the major residual by weights; and `limited`."""
     rng = np.random.default_rng(seed)
     n, m = int(rng.integers(2, 8)), int(rng.integers(1, 7))
     m1 = int(rng.integers(1, m + 1))
@@ -75,8 +75,8 @@ def moved_by_weights(made: Any, when: str, seed: int) -> tuple[float, bool]:
 )
 @pytest.mark.parametrize("when", ["least_squares", "scaled"])
 @pytest.mark.parametrize("made", [velocity_mapping, force_mapping])
-def test_weights_do_not_move_a_major_task_that_limits_hold_back(made, when, seeds):
-    """Joint and secondary weights, and what they are wanted to do, leave its residual alone."""
+def test_weights_do_not_affect_a_limited_major_task(made, when, seeds):
+    """Check that joint and secondary weights and goals do not change its residual."""
     moved, limited = zip(*(moved_by_weights(made, when, seed) for seed in seeds), strict=True)
     assert max(moved) < 1e-9
     assert 0.25 < np.mean(limited) < 0.75
@@ -85,7 +85,7 @@ def test_weights_do_not_move_a_major_task_that_limits_hold_back(made, when, seed
 @given(st.data(), systems())
 @examples(60)
 def test_equal_limits_of_zero_are_a_lock(data, sample):
-    """The same rates as of the mechanism with these actuators locked, redundant rows or not."""
+    """Compare with the mechanism with these actuators locked, with redundant rows or not."""
     kin, rng = sample.system.kinematics(), sample.rng
     m, n = kin.J.shape
     major = rows_of(data, m)
@@ -101,8 +101,8 @@ def test_equal_limits_of_zero_are_a_lock(data, sample):
 
 
 @given(SEEDS, st.integers(1, 3), st.integers(0, 3))
-def test_a_scaled_task_keeps_its_direction_as_fast_as_possible(seed, m, redundant):
-    """A linear program knows the largest factor; 1 where the task is within the limits."""
+def test_a_scaled_task_has_the_largest_factor_within_the_limits(seed, m, redundant):
+    """Compare the factor with a linear program; it is 1 if the task is within the limits."""
     rng = np.random.default_rng(seed)
     n = m + redundant
     J, limits, v = rng.normal(size=(m, n)), box(rng, n), rng.normal(size=m)
@@ -160,7 +160,7 @@ def test_gains_are_the_slope_of_the_rates_while_active_limits_stay(seed, n):
         (EYE, [0.5, 0.0], {"damping": 0.1}, Status.DAMPED),
     ],
 )
-def test_the_status_says_what_holds_the_task_back(J, v, more, status):
+def test_the_status_distinguishes_the_restrictions_of_the_task(J, v, more, status):
     mapping = velocity_mapping(J, [0, 1], **({"rate_limits": (-1.0, 1.0)} | more))
     result = mapping.solve(v)
     assert result.status is status
@@ -173,7 +173,7 @@ def test_the_status_says_what_holds_the_task_back(J, v, more, status):
 
 @given(SEEDS, st.integers(1, 5), st.data())
 def test_the_major_force_is_the_nearest_that_the_torque_limits_admit(seed, n, data):
-    """J is square: forces J^-T torques, whose least squares over the box another solver knows."""
+    """Compare, for square J, with the least squares over the box by another solver."""
     rng, m1 = np.random.default_rng(seed), data.draw(st.integers(1, n))
     J, f = of_rank(rng, n, n, n), 3 * rng.normal(size=m1)
     limits = -rng.uniform(0.1, 1, n), rng.uniform(0.1, 1, n)
@@ -192,7 +192,7 @@ def test_the_major_force_is_the_nearest_that_the_torque_limits_admit(seed, n, da
 @given(st.data(), systems())
 @examples(60)
 def test_limited_torques_balance_task_and_internal_forces(data, sample):
-    """Torques = J^T f + C^T eta, within the limits exactly, whatever the mechanism."""
+    """Check torques = J^T f + C^T eta, within the limits exactly, for any mechanism."""
     kin, rng = sample.system.kinematics(), sample.rng
     m, n = kin.J.shape
     major, others = major_and_secondary(data, m)
@@ -208,8 +208,8 @@ def test_limited_torques_balance_task_and_internal_forces(data, sample):
     np.testing.assert_allclose(result.torques, balance, rtol=0, atol=1e-9 * size)
 
 
-def test_a_friction_pyramid_holds_the_tangential_force_back():
-    """Coefficient 0.5: 2 N along the normal bear 1 N across it, 3 N across need 6 N along."""
+def test_a_friction_pyramid_limits_the_tangential_force():
+    """Check a coefficient of 0.5: 2 N normal force bears 1 N tangential, 3 N need 6 N."""
     mu = 0.5
     sides = np.array([[1.0, 0, -mu], [-1, 0, -mu], [0, 1, -mu], [0, -1, -mu], [0, 0, -1]])
     mapping = force_mapping(np.eye(3), [0], force_rows=(sides, -INF, 0.0))

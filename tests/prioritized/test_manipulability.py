@@ -1,4 +1,4 @@
-"""The conditions of section 2.2: each verdict with the motion or the force that proves it."""
+"""Test the conditions of section 2.2 with explicit motions and forces."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ FLAGS = {
 
 
 def holding(report) -> set[str]:
-    """Names of the conditions that hold; each flag agrees with its finding and its basis."""
+    """Return the names of the conditions that hold; flags, findings and bases must agree."""
     assert set(report.findings) == FLAGS
     for name in FLAGS:
         assert getattr(report, name) == report.findings[name].holds
@@ -47,7 +47,7 @@ HALF = np.sqrt(0.5)
         ),
     ],
 )
-def test_spinning_rods_doors_and_gears_have_the_verdicts_known_by_hand(
+def test_spinning_rods_doors_and_gears_are_classified_correctly(
     J_T, J_C, active, flags, name, basis
 ):
     report = ConstrainedSystem(J_T, J_C, active).kinematics().manipulability([0])
@@ -56,8 +56,8 @@ def test_spinning_rods_doors_and_gears_have_the_verdicts_known_by_hand(
 
 
 @given(systems())
-def test_every_drawn_rank_is_found_again(sample):
-    """Self-motion, idle joints, internal forces, forbidden rates, reach: as they were made."""
+def test_every_sampled_rank_is_recovered(sample):
+    """Check self-motion, unobservable motion, internal forces, constraints, and reachable rank."""
     m, n = len(sample.system.J_T), len(sample.system.active)
     bases = sample.system.kinematics().manipulability(list(range(m))).bases
     assert bases["unstable"].shape == bases["unstable_major"].shape == (m, sample.self_motion)
@@ -73,8 +73,8 @@ def test_every_drawn_rank_is_found_again(sample):
 
 
 @given(st.data(), systems())
-def test_every_basis_proves_its_verdict(data, sample):
-    """Each direction is acted out with explicit rates of all joints, or borne by no torque."""
+def test_every_basis_is_verified_by_explicit_motions(data, sample):
+    """Check each direction with explicit rates of all joints, or forces without torque."""
     system = data.draw(failures(sample.system))
     kin = system.kinematics()
     J_T, N = system.J_T, system.J_T.shape[1]
@@ -115,7 +115,7 @@ def test_every_basis_proves_its_verdict(data, sample):
 
 @given(st.data(), systems(self_motion=False))
 def test_the_worst_gain_is_the_least_speed_per_unit_rate(data, sample):
-    """Its inverse is what the worst unit velocity costs in rates, as the mapping pays it."""
+    """Compare its inverse with the norm of the mapping's rates for the worst unit velocity."""
     kin = sample.system.kinematics()
     major = rows_of(data, len(kin.J))
     report = kin.manipulability(major)
@@ -125,8 +125,8 @@ def test_the_worst_gain_is_the_least_speed_per_unit_rate(data, sample):
         assert report.worst_gain == pytest.approx(1.0 / cost, rel=1e-6)
 
 
-def test_the_gap_of_what_springs_hold_is_theirs():
-    """A spring of 3e-10 of the stiffest holds the second hinge, by a factor of three."""
+def test_the_gap_includes_the_decision_on_springs():
+    """Check a spring of 3e-10 of the stiffest one, above the threshold by a factor of three."""
     system = ConstrainedSystem([[1.0, 1.0, 1.0]], None, [0], stiffness=[0.0, 1.0, 3e-10])
     report = system.kinematics().manipulability([0])
     assert not report.unstable

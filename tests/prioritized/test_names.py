@@ -1,4 +1,4 @@
-"""Joints and actuators by name: in arguments, in errors, in sentences."""
+"""Test names of joints and actuators in arguments, errors, and sentences."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ NAMES = Names(
     velocities=("hip", "knee", "wrist", "wrist", "coupler", "ball", "ball", ""),
     actuators=(("hip_motor",), ("pull", "push"), ("roll",), ("pitch",)),
 )
-"""A muscle pair drives the knee, two motors the wrist; one passive joint has no name."""
+"""Names with a muscle pair on the knee, two motors on the wrist, and an unnamed passive joint."""
 
 
 def made(names: Names | None = NAMES) -> ConstrainedSystem:
@@ -22,7 +22,7 @@ def made(names: Names | None = NAMES) -> ConstrainedSystem:
 
 
 def of(joints, motors, J_C=None) -> ConstrainedSystem:
-    """A mechanism of joints and motors with these names, whose first joint is its task."""
+    """Return a mechanism of joints and motors with these names; its first joint is its task."""
     names, n = Names(tuple(joints), tuple(motors)), len(motors)
     return ConstrainedSystem(np.eye(1, len(joints)), J_C, range(n), names=names)
 
@@ -38,7 +38,7 @@ def of(joints, motors, J_C=None) -> ConstrainedSystem:
         ({"locked_passive": ["coupler", 7]}, {"locked_passive": [4, 7]}),
     ],
 )
-def test_a_name_means_the_number_it_stands_for(listed, numbered):
+def test_a_name_is_equivalent_to_its_number(listed, numbered):
     assert made().with_failures(**listed).failures == made(None).with_failures(**numbered).failures
 
 
@@ -54,7 +54,7 @@ def test_a_name_means_the_number_it_stands_for(listed, numbered):
         ({"locked_passive": ["hip", 1]}, "got the actuated hip, knee: put"),
     ],
 )
-def test_a_wrong_name_is_one_sentence_that_says_what_to_write(failures, message):
+def test_a_wrong_name_raises_one_sentence_with_advice(failures, message):
     with pytest.raises(ValueError, match=f"^{next(iter(failures))} must|^an actuator") as error:
         made().with_failures(**failures)
     assert error.match(message)
@@ -62,18 +62,18 @@ def test_a_wrong_name_is_one_sentence_that_says_what_to_write(failures, message)
         made(None).with_failures(locked_passive=["knee"])
 
 
-def test_actuators_without_names_are_said_by_number():
+def test_actuators_without_names_are_listed_by_number():
     for system, message in [(of(["hip", ""], [(), ()]), "hip, 1"), (made(None), r"\[0, 1\]")]:
         with pytest.raises(ValueError, match=f"got both for {message}"):
             system.with_failures(locked=[0, 1], free=[0, 1])
 
 
-def test_names_of_another_number_are_refused():
+def test_a_wrong_number_of_names_raises():
     with pytest.raises(ValueError, match="8 velocities and 3 actuators, got 8 and 4"):
         ConstrainedSystem(np.ones((1, 8)), None, [0, 1, 2], names=NAMES)
 
 
-def test_the_atlas_speaks_and_understands_names():
+def test_the_atlas_accepts_and_lists_names():
     atlas, unnamed = failure_atlas(made(), [0]), failure_atlas(made(None), [0])
     assert atlas.describe(0) == unnamed.describe(0) == "healthy"
     row = atlas.row(locked=["knee"], free=["hip_motor"])
@@ -92,7 +92,7 @@ def test_the_atlas_speaks_and_understands_names():
 
 
 def test_sentences_name_the_joints_concerned():
-    """Geared hip and knee forbid each other; a rod spins by its two ball joints; a slide is out."""
+    """Check geared hip and knee, a rod that spins in two ball joints, and an unreachable slide."""
     J_C = np.array([[2.0, -1.0, 0, 0, 0], [0, 0, 0, 1.0, -1.0]])
     joints = "hip", "knee", "slide", "ball", "socket"
     report = of(joints, (("m",), (), ()), J_C).kinematics().manipulability([0])
@@ -115,8 +115,8 @@ def test_sentences_name_the_joints_concerned():
 
 
 @given(st.data())
-def test_each_actuator_has_a_word_of_its_own_that_means_it_alone(data):
-    """Whatever joints and actuators are called, even like the words made for others."""
+def test_each_actuator_has_a_unique_label(data):
+    """Check any names of joints and actuators, including names like the generated labels."""
     name = st.sampled_from(["", "a", "b", "c", "a (0)", "b (1)", "a (0) (0)"])
     driving = st.lists(name, max_size=2).map(tuple)
     n = data.draw(st.integers(1, 5))

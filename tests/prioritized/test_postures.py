@@ -1,4 +1,4 @@
-"""Batches of postures: each gets what the system has there alone, whatever the others are."""
+"""Test batches of postures: each has the results of the system at that posture alone."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ WORST = [Status.SELF_MOTION, Status.LEAST_SQUARES, Status.EXACT]
 
 @st.composite
 def batches(draw: st.DrawFn) -> tuple[RandomSystem, ConstrainedSystem, np.ndarray, np.ndarray]:
-    """A mechanism with failures at four postures, some of them singular, some with looser loops."""
+    """Sample a mechanism with failures at four postures, some singular, some with weak loops."""
     sample = draw(systems())
     system, rng = sample.system, sample.rng
     if draw(st.booleans()):
@@ -44,7 +44,7 @@ def agrees_with(batch: np.ndarray, alone: list[np.ndarray], accuracy: float = 1e
 
 
 @given(batches())
-def test_the_kinematics_of_every_posture_are_those_it_has_alone(sample):
+def test_a_batch_of_postures_has_the_kinematics_of_each(sample):
     of, system, J_T, J_C = sample
     postures = system.postures(J_T, J_C)
     alone = [system.at(*pair).kinematics() for pair in zip(J_T, J_C, strict=True)]
@@ -59,8 +59,8 @@ def test_the_kinematics_of_every_posture_are_those_it_has_alone(sample):
 
 
 @given(st.data(), batches(), st.sampled_from([None, (-0.2, 0.3)]))
-def test_the_mapping_of_every_posture_is_that_it_has_alone(data, sample, box):
-    """Rates, rank and status: a posture that is singular, or whose loops jam, changes no other."""
+def test_a_batch_of_postures_has_the_mapping_of_each(data, sample, box):
+    """Compare rates, rank and status; singular postures must not affect others."""
     of, system, J_T, J_C = sample
     n, (major, others) = len(system.active), major_and_secondary(data, J_T.shape[1])
     W1 = data.draw(weights(n, of.rng))
@@ -105,7 +105,7 @@ def test_the_axes_of_a_batch_stay(sample):
         (np.ones((0, 3, 4)), None, r"J_T and J_C must hold at least one posture"),
     ],
 )
-def test_postures_that_do_not_fit_are_refused(J_T, J_C, message):
+def test_incompatible_postures_raise(J_T, J_C, message):
     system = ConstrainedSystem(np.eye(3, 4), np.ones((1, 4)), [0, 1, 2])
     with pytest.raises(ValueError, match=message):
         system.postures(J_T, J_C)

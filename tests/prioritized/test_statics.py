@@ -1,4 +1,4 @@
-"""Balance of power: what the actuators spend is what the task receives, eq. (4)."""
+"""Test the balance of power between actuators and task, eq. (4)."""
 
 import numpy as np
 from hypothesis import given
@@ -20,7 +20,7 @@ from tests.random_systems import (
 
 @given(st.data(), systems(), st.booleans())
 def test_force_times_velocity_is_torque_times_rate_for_every_motion(data, sample, oblique):
-    """Through self-motion, redundant rows, failures; f . v = f_m . v_m + f_s . v_s of any basis."""
+    """Check self-motion, redundant rows, failures; f . v = f_m . v_m + f_s . v_s in any basis."""
     system = data.draw(failures(sample.system))
     kin, rng = system.kinematics(), sample.rng
     m, n = kin.J.shape
@@ -46,7 +46,7 @@ def test_force_times_velocity_is_torque_times_rate_for_every_motion(data, sample
 
 @given(st.data(), systems(), st.booleans())
 def test_the_constraint_forces_of_a_mapping_balance_every_joint(data, sample, elastic):
-    """Eq. (5) whole, with springs: [torques; 0] = J_T^T f + [J_C; E]^T f_C + K theta."""
+    """Check eq. (5) with springs: [torques; 0] = J_T^T f + [J_C; E]^T f_C + K theta."""
     system = data.draw(failures(sample.system))
     N, rng = system.J_T.shape[1], sample.rng
     K = np.zeros((N, N))
@@ -80,7 +80,7 @@ def test_the_constraint_forces_of_a_mapping_balance_every_joint(data, sample, el
 
 @given(st.data(), systems())
 def test_the_reaction_is_every_force_that_does_no_work_on_any_motion(data, sample):
-    """Such forces change no torque beyond what merely squeezes the loops, C^T eta."""
+    """Check that such forces change torques only by C^T eta, which compresses the loops."""
     system = data.draw(failures(sample.system))
     kin = system.kinematics()
     major = rows_of(data, len(system.J_T))

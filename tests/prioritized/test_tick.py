@@ -1,4 +1,4 @@
-"""A tick is the general way in one compiled call, or it says nothing."""
+"""Test that a tick equals the general solver, or returns None."""
 
 from dataclasses import dataclass
 
@@ -31,13 +31,13 @@ class TickCase:
     limits: tuple[np.ndarray, np.ndarray]
 
     def tick(self) -> np.ndarray | None:
-        """The compiled way, all targets one after the other."""
+        """Solve by the compiled method, with all targets one after the other."""
         tick = self.hierarchy.tick(self.system.kinematics())
         there = self.system.J_T, self.system.J_C, np.concatenate(self.targets)
         return None if tick is None else tick(*there, self.limits)
 
     def assert_is(self, result: np.ndarray) -> None:
-        """As the general way: limits of passive velocities are inequality rows."""
+        """Compare with the general solver, with limits of passive velocities as inequality rows."""
         kin, (lower, upper) = self.system.kinematics(), self.limits
         moving, n = kin.system.joints.moving, len(kin.actuators)
         moving = moving[np.isfinite(lower[moving])]
@@ -51,7 +51,7 @@ class TickCase:
 
 
 def limits(rng: np.random.Generator, kin: Kinematics, size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Around zero; infinite of some, of passive ones mostly."""
+    """Return limits around zero, infinite for some, mostly for passive ones."""
     N = kin.system.J_T.shape[1]
     lower, upper = (size * rng.uniform(0.2, 2.0, N) for _ in range(2))
     free = rng.random(N) < 0.2
@@ -63,7 +63,7 @@ def limits(rng: np.random.Generator, kin: Kinematics, size: float) -> tuple[np.n
 def tick_case(
     rng: np.random.Generator, system: ConstrainedSystem, rows: list[list[int]], size: float
 ) -> TickCase:
-    """Levels of task rows, then rates or none, weighted or not."""
+    """Return levels of task rows, then rates or none, weighted or not."""
     kin, n = system.kinematics(), len(system.active)
     levels = [
         Task(each, rng.uniform(0.5, 2, len(each)) if rng.random() < 0.5 else None) for each in rows
@@ -81,7 +81,7 @@ def tick_case(
 
 
 def regular(rng: np.random.Generator) -> ConstrainedSystem:
-    """Loops that determine the passive velocities and may tie rates; a task of full rank."""
+    """Return loops that determine the passive velocities and may tie rates; a full-rank task."""
     p, q, m, more = (int(rng.integers(*ends)) for ends in ((0, 5), (0, 3), (1, 5), (0, 4)))
     n = m + q + more
     q = q if p else 0
@@ -99,7 +99,7 @@ def in_levels(rng: np.random.Generator, m: int) -> list[list[int]]:
 
 
 def tied(rng: np.random.Generator, redundant: int) -> ConstrainedSystem:
-    """Three passive velocities, five actuators, of which two rates follow; combinations of rows."""
+    """Return three passive velocities and five actuators, two of them tied by dependent rows."""
     J_C = of_rank(rng, 5, 8, 5)
     J_C[:, :3] = of_rank(rng, 5, 3, 3)
     rows = rng.permutation(np.vstack([J_C, rng.normal(size=(redundant, 5)) @ J_C]))
@@ -107,7 +107,7 @@ def tied(rng: np.random.Generator, redundant: int) -> ConstrainedSystem:
 
 
 def ticked(posed, system: ConstrainedSystem, *inputs: np.ndarray) -> np.ndarray | None:
-    """All velocities by the compiled way of a mapping or a hierarchy, or None."""
+    """Return all velocities by the compiled method of a mapping or a hierarchy, or None."""
     tick = posed.tick(*([system.kinematics()] if isinstance(posed, Hierarchy) else []))
     free = np.full(system.J_T.shape[1], np.inf)
     there = system.J_T, system.J_C, np.concatenate(inputs), (-free, free)
@@ -116,8 +116,10 @@ def ticked(posed, system: ConstrainedSystem, *inputs: np.ndarray) -> np.ndarray 
 
 @given(st.data(), systems(tasks=(1, 5), actives=(1, 5)), st.integers(-18, 0), st.floats(0.1, 10.0))
 @examples(300)
-def test_a_tick_is_the_general_way_or_says_nothing(data, sample: RandomSystem, nearness, size):
-    """Of any ranks, after any failures, near singular poses, within limits that may not do."""
+def test_a_tick_equals_the_general_solver_or_returns_none(
+    data, sample: RandomSystem, nearness, size
+):
+    """Check any ranks and failures, near-singular poses, and limits that may be infeasible."""
     first, rng = sample.system, sample.rng
     J_T = first.J_T.copy()
     J_T[-1] = J_T[0] + 10.0**nearness * rng.normal(size=J_T.shape[1])
@@ -132,8 +134,8 @@ def test_a_tick_is_the_general_way_or_says_nothing(data, sample: RandomSystem, n
 
 @pytest.mark.parametrize("count", [40, pytest.param(200, marks=pytest.mark.long)])
 @pytest.mark.parametrize("size", [0.3, 3.0, np.inf])
-def test_a_tick_answers_where_no_rank_is_in_doubt(size, count):
-    """Of regular mechanisms nine tenths and more, of those with tied rows nineteen twentieths."""
+def test_a_tick_solves_well_conditioned_problems(size, count):
+    """Require a result for 90 % of regular mechanisms, and 95 % of those with tied rates."""
     answered = np.zeros(2)
     for seed in range(count):
         rng = np.random.default_rng(seed)
@@ -156,8 +158,8 @@ def test_a_tick_answers_where_no_rank_is_in_doubt(size, count):
 
 @given(SEEDS, st.floats(3.0, 17.0), st.floats(-3.0, 3.0))
 @examples(200)
-def test_a_loop_row_that_becomes_redundant_bit_by_bit_is_decided(seed, nearness, unit):
-    """Where the compiled way answers, J_C has the rank that the decision of the library finds."""
+def test_the_rank_of_a_nearly_redundant_loop_row(seed, nearness, unit):
+    """Check that J_C has the decided rank where the compiled method returns a result."""
     rng = np.random.default_rng(seed)
     exact = tied(rng, 1)
     J_C = 10.0**unit * exact.J_C
@@ -182,8 +184,8 @@ def test_a_loop_row_that_becomes_redundant_bit_by_bit_is_decided(seed, nearness,
 
 
 @given(SEEDS)
-def test_a_body_beside_the_robot_rests_until_the_task_knows_it(seed):
-    """A cube on the floor has passive velocities in no row; a task on the cube is another one."""
+def test_a_separate_body_is_at_rest_unless_it_is_part_of_the_task(seed):
+    """Check a cube with passive velocities in no row, and a task on the cube."""
     rng = np.random.default_rng(seed)
     alone = tied(rng, 1)
     v, desired = 0.1 * rng.normal(size=1), rng.normal(size=5)
@@ -211,8 +213,8 @@ ARM = ConstrainedSystem([[1.0, 0.5, 0.2], [0.0, 1.0, 0.7]], None, [0, 1, 2])
 FREELY = -np.full(3, np.inf), np.full(3, np.inf)
 
 
-def test_the_tick_of_a_rougher_mechanism_takes_its_tolerance():
-    """Of a hundredth of a velocity one mechanism is sure, and the other is not."""
+def test_the_tick_of_a_less_accurate_mechanism_uses_its_tolerance():
+    """Check a singular value that is certain for one tolerance and not for the other."""
     J, v, others = np.diag([1.0, 1e-2, 1.0])[:2], np.array([1.0, 1.0]), np.zeros(3)
     fine, rough = (ConstrainedSystem(J, None, range(3), rank_tolerance=t) for t in (1e-10, 0.1))
     mapping = fine.kinematics().velocity_mapping([0, 1])
@@ -260,7 +262,7 @@ def test_rows_scaled_tasks_and_intervals_have_no_tick(arguments):
 )
 @pytest.mark.parametrize("size", [0.2, np.inf])
 def test_levels_of_all_kinds_are_solved_as_in_general(levels, size):
-    """Damping, rates before tasks, weights that are small or no diagonal, tasks asked for twice."""
+    """Check damping, rates before tasks, small or non-diagonal weights, duplicated tasks."""
     kin, rng, most = ARM.kinematics(), np.random.default_rng(3), np.full(3, size)
     hierarchy = kin.hierarchy(levels)
     count = [sum(part.size for part in level) for level in hierarchy.specs.levels]
@@ -280,8 +282,8 @@ def test_levels_of_all_kinds_are_solved_as_in_general(levels, size):
 TIED = ConstrainedSystem([[1.0, 0.0, 0.0]], [[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]], [0, 1])
 
 
-def test_passive_limits_hold_rates_and_contradictions_have_no_answer():
-    """Limits that contradict the loops; a joint that swings."""
+def test_passive_limits_restrict_rates_and_contradictions_give_none():
+    """Check limits that contradict the loops, and a freely swinging joint."""
     tick, narrow = tick_of(TIED, Task([0]), Task.joints()), np.array([5.0, 5.0, 0.1])
     assert tick is not None
     result = tick(TIED.J_T, TIED.J_C, np.array([1.0, 0.0, 0.0]), (-narrow, narrow))
@@ -294,7 +296,7 @@ def test_passive_limits_hold_rates_and_contradictions_have_no_answer():
         assert tick is not None and tick(system.J_T, system.J_C, targets, box) is None
 
 
-def test_errors_that_could_cost_a_rank_silence_a_tick():
+def test_a_tick_returns_none_if_errors_could_change_a_rank():
     tick = tick_of(ARM, Task([0, 1]), Task.joints())
 
     class Rounded:

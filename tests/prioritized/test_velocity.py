@@ -1,4 +1,4 @@
-"""The velocity mapping, Problem 1: oracles in all coordinates, optimality, units, damping."""
+"""Test the velocity mapping, Problem 1: oracles in all coordinates, optimality, units, damping."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ from tests.random_systems import (
 
 
 def theorem_3(J_m, J_s, W1, W2):
-    """Eq. (25), as printed: gains of v_md, and of the stacked [rates_d; v_sd]."""
+    """Evaluate eq. (25) as printed: gains of v_md, and of the stacked [rates_d; v_sd]."""
     J_m_pinv, N = pinv_and_null(J_m)
     K = N @ np.linalg.pinv(np.vstack([W1 @ N, W2 @ J_s @ N]))
     major = J_m_pinv - K @ np.vstack([W1 @ J_m_pinv, W2 @ J_s @ J_m_pinv])
@@ -30,14 +30,14 @@ def theorem_3(J_m, J_s, W1, W2):
 
 
 def theorem_4(J_m, W1):
-    """Eq. (28), as printed."""
+    """Evaluate eq. (28) as printed."""
     J_m_pinv, N = pinv_and_null(J_m)
     K = N @ np.linalg.pinv(W1 @ N) @ W1
     return J_m_pinv - K @ J_m_pinv, K
 
 
 def theorem_5(J_m, J_s, W2):
-    """Eq. (30), as printed."""
+    """Evaluate eq. (30) as printed."""
     J_m_pinv, N = pinv_and_null(J_m)
     A, B = W2 @ J_s @ N, W2 @ J_s @ J_m_pinv
     NA = N @ scipy.linalg.null_space(A)
@@ -77,7 +77,7 @@ def test_theorems_3_4_and_5_are_special_cases(seed, m1, m2, extra):
 
 @given(st.data(), systems())
 def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, sample):
-    """Active and passive rates at once, the loops as hard rows; nothing is eliminated."""
+    """Compare with active and passive rates together, the loops as hard rows."""
     system = data.draw(failures(sample.system))
     kin, rng = system.kinematics(), sample.rng
     m, n = kin.J.shape
@@ -113,7 +113,7 @@ def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, sample):
 
 @given(st.integers(1, 5), st.integers(1, 5), st.data(), SEEDS)
 def test_without_weights_the_gain_is_the_moore_penrose_inverse(m, n, data, seed):
-    """Penrose's four conditions, of any shape and rank: one matrix alone obeys them."""
+    """Check Penrose's four conditions, which determine the matrix, for any shape and rank."""
     rank = data.draw(st.integers(0, min(m, n)))
     size = 10.0 ** data.draw(st.integers(-100, 100))
     A = size * of_rank(np.random.default_rng(seed), m, n, rank)
@@ -146,7 +146,7 @@ SIZES = (5e-324, 1e-310, 1e-308, 1e-200, 1e-60, 1e60, 1e110)
 
 @pytest.mark.parametrize("size", SIZES)
 def test_a_common_factor_of_all_weights_changes_nothing(size):
-    """Ratios of 1, 2 and 4 are exact even among denormals; all at 1e-309 gave NaN, called exact."""
+    """Check ratios of 1, 2 and 4, exact even for denormals; factors of 1e-309 gave NaN."""
     J, v = np.random.default_rng(5).normal(size=(3, 4)), np.array([0.3, -0.2])
     W1, W2 = np.array([1.0, 2.0, 4.0, 1.0]), np.array([2.0])
     plain = velocity_mapping(J, [0, 1], joint_weight=W1, secondary_weight=W2)
@@ -168,8 +168,8 @@ def test_a_common_factor_of_all_weights_changes_nothing(size):
 
 
 @given(SEEDS, st.floats(0, 14), st.floats(0, 12), st.integers(0, 2))
-def test_damping_bounds_the_rates_however_near_the_singularity(seed, nearness, small, bound):
-    """Sigma / (sigma^2 + lambda^2) is at most 1 / (2 lambda); the loops stay closed."""
+def test_damping_bounds_the_rates_near_any_singularity(seed, nearness, small, bound):
+    """Check that sigma / (sigma^2 + lambda^2) <= 1 / (2 lambda), with closed loops."""
     rng = np.random.default_rng(seed)
     n, damping = 2 + bound, 10.0**-small
     C = of_rank(rng, bound, n, bound)
@@ -195,8 +195,8 @@ FADING = st.one_of(st.integers(0, 300), st.integers(153, 161))  # of these squar
 
 @given(SEEDS, st.integers(1, 3), FADING)
 @examples(200)
-def test_a_weight_beside_larger_ones_fades_to_none(seed, m2, exponent):
-    """Rates stay finite however small it is: at 1e-160 beside 3.3 they were infinite."""
+def test_a_relatively_small_weight_has_no_effect(seed, m2, exponent):
+    """Check that rates are finite: a weight of 1e-160 with one of 3.3 gave infinity."""
     rng = np.random.default_rng(seed)
     J, weights = rng.normal(size=(2 + m2, 4)), rng.uniform(0.5, 4, 4 + m2)
     targets = [rng.normal(size=size) for size in (2, 4, m2)]
@@ -213,8 +213,8 @@ def test_a_weight_beside_larger_ones_fades_to_none(seed, m2, exponent):
 
 
 @pytest.mark.parametrize("limits", [None, (-1.0, 1.0)])
-def test_a_goal_that_its_weight_makes_too_large_is_refused(limits):
-    """Each number alone is of a size that is taken; what came was never written."""
+def test_an_overflowing_product_of_goal_and_weight_raises(limits):
+    """Check numbers that are valid each, but whose product is not."""
     weights = {"joint_weight": np.ones(3), "secondary_weight": [2.5]}
     mapping = velocity_mapping(np.eye(2, 3), [0], rate_limits=limits, **weights)
     assert np.isfinite(mapping([0.1], secondary_velocity=[1e100])).all()

@@ -10,12 +10,12 @@ DOCS = Path(__file__).parents[2] / "docs" / "published"
 
 @pytest.fixture(scope="module")
 def page(request) -> dict[str, Any]:
-    """Names of the script of the page that a file is about; it prints what the page says."""
+    """Return the names defined by the script of a page, which prints the numbers of the page."""
     name = request.path.stem.removeprefix("test_").replace("_", "-")
     return run((DOCS / f"{name}.md").read_text())
 
 
 @pytest.fixture(scope="module")
 def authority(page) -> Any:
-    """The function of a page on multirotors."""
+    """Return the function of a page on multirotors."""
     return page["authority"]

@@ -1,4 +1,4 @@
-"""The mean-square theorem of Ukidve, McInroy and Jafari (2008), and how good a worst case can be.
+"""Test the mean-square theorem of Ukidve, McInroy and Jafari (2008), and bounds of worst cases.
 
 "Quantifying and optimizing failure tolerance of a class of parallel manipulators", in Parallel
 Manipulators, Towards New Applications (2008), theorem 1 (proof: eqs. 13 to 15) and eq. (17).
@@ -24,7 +24,7 @@ def theorem(n: int, m: int, i: int) -> float:
 
 
 def assert_theorem(r: np.ndarray, J: np.ndarray, i: int) -> None:
-    """Of all relative manipulabilities; volumes of a badly conditioned J keep fewer digits."""
+    """Check all relative manipulabilities; volumes of a badly conditioned J have fewer digits."""
     m, n = J.shape
     assert len(r) == comb(n, i)
     exact = max(1e-12, 1e-15 * np.linalg.cond(J))
@@ -36,7 +36,7 @@ def system_of(J: np.ndarray) -> ConstrainedSystem:
 
 
 def squared_volume(J: np.ndarray) -> float:
-    """det(J J^T) as the sum of the squares of all largest minors: Cauchy and Binet."""
+    """Return det(J J^T) as the sum of the squares of all largest minors (Cauchy-Binet)."""
     m, n = J.shape
     return sum(np.linalg.det(J[:, columns]) ** 2 for columns in combinations(range(n), m))
 
@@ -59,14 +59,14 @@ def test_the_mean_square_is_that_of_the_theorem_on_any_matrix_and_any_arm(page, 
 @pytest.mark.parametrize("rows", [[0, 1], [0, 1, 2], [0, 1, 5]])
 @pytest.mark.parametrize("i", [1, 2])
 def test_the_mean_square_is_that_of_the_theorem_on_the_hexapod(page, model, rows, i):
-    """Its closed loops are eliminated first; pointing, turns, and pointing with height."""
+    """Check pointing, rotations, and pointing with height, after elimination of the loops."""
     jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
     system = ConstrainedSystem(jac.J_T[rows], jac.J_C, jac.active)
     assert_theorem(page["relative"](system, i), system.kinematics().J, i)
 
 
 def of_null_space(N: np.ndarray) -> np.ndarray:
-    """A Jacobian (m, n) with orthonormal rows whose null space has these rows (n, n - m)."""
+    """Return a Jacobian (m, n) with orthonormal rows whose null space has these rows (n, n - m)."""
     return null_space(N.T).T
 
 
@@ -93,7 +93,7 @@ def test_for_one_failure_the_best_worst_case_is_possible(page, J, best):
 
 @pytest.mark.parametrize("n", [3, 4, 7])
 def test_the_slowest_direction_of_an_optimal_robot_keeps_one_over_root_n_of_its_speed(n):
-    """K. Ben-Gharbia, A. Maciejewski, R. Roberts, IEEE Trans. Robotics 30(2), 2014; recalled."""
+    """Check Ben-Gharbia, Maciejewski, Roberts, IEEE Trans. Robotics 30(2), 2014; recalled."""
     system, rows = system_of(of_null_space(np.ones((n, 1)))), range(n - 1)
     assert system.kinematics().manipulability(rows).worst_gain == pytest.approx(1.0)
     for lost in range(n):
@@ -102,7 +102,7 @@ def test_the_slowest_direction_of_an_optimal_robot_keeps_one_over_root_n_of_its_
 
 
 def best_of_two_failures(n: int) -> float:
-    """The largest least relative manipulability of n = m + 2 actuators; proved on the page."""
+    """Return the largest least relative manipulability of n = m + 2 actuators; see the page."""
     return 2 * np.sin(np.pi / n) / n
 
 
@@ -116,7 +116,7 @@ def test_for_two_failures_spokes_are_the_best_and_below_the_bound_of_the_theorem
 
 @given(SEEDS, st.integers(4, 8), st.floats(0.0, 1.0))
 def test_for_two_failures_no_robot_is_better_than_spokes(page, seed, n, bent):
-    """Any, and those near the best: spokes bent by up to as much as they are long."""
+    """Compare with random robots, and with perturbed spokes."""
     rows = spokes(n) + bent**4 * np.random.default_rng(seed).normal(size=(n, 2))
     r = page["relative"](system_of(of_null_space(rows)), 2)
     assert r.min() <= best_of_two_failures(n) * (1 + 1e-9)

@@ -1,4 +1,4 @@
-"""A Stewart platform of T. Dehaeze, stewart-simscape: what he published, from his parameters."""
+"""Compare with a Stewart platform of T. Dehaeze, stewart-simscape, built from his parameters."""
 
 from itertools import product
 
@@ -11,25 +11,25 @@ from fjh.rig import Rig
 from sim import Failure
 
 MODES_HZ = [780.6, 780.6, 903.9, 1061.4, 1061.4, 1269.6]
-"""org/identification.org, modal analysis; to 0.05."""
+"""Modal frequencies: org/identification.org, modal analysis; to 0.05."""
 DAMPING_PERCENT = [0.4, 0.3, 0.3, 0.3, 0.2, 0.2]
-"""The same table, beside modes 1 to 6; to 0.05, and in reverse order."""
+"""Damping ratios of the same table, modes 1 to 6; to 0.05, in reverse order."""
 COMPLIANCE = [5.1863e-6, 5.1863e-6, 1.7073e-6, 4.75e-8, 4.75e-8, 2.099e-8]
 COUPLING = 3.2093e-7
 """org/control-tracking.org, inv(stewart.kinematics.K), here [rotation; translation]: its diagonal,
 and the size of its other elements that are not zero."""
 STROKES_UM = [76.1, 177.2]
 MOBILITY_UM = 31.5
-"""org/kinematic-study.org, required stroke and mobility; to 0.05. The last is mistaken."""
+"""Mobility: org/kinematic-study.org, required stroke; to 0.05. The last one is mistaken."""
 STIFFNESS, DAMPING, ROD, DISC = 2e7, 20.0, 0.1, 1.0
-"""Of a strut [N/m], [N s/m]; masses of each half of a strut and of the disc [kg]."""
+"""Strut stiffness [N/m] and damping [N s/m]; masses of each strut half and of the disc [kg]."""
 BALL = 1000 * 4 / 3 * np.pi * 1e-9
-"""Mass of each of six balls of 1 mm radius [kg], which the Simscape blocks have by default."""
+"""Mass of each of six balls of 1 mm radius [kg], the default of the Simscape blocks."""
 
 
 @pytest.fixture(scope="module")
 def strut_jacobian(page):
-    """Rates of the struts per [angular; linear] velocity of B, from the joints alone."""
+    """Return rates of the struts per [angular; linear] velocity of B, from the joints alone."""
     foot, arm = page["foot"], page["head"] - [0, 0, 0.135]
     along = page["head"] - foot
     along /= np.linalg.norm(along, axis=1)[:, None]
@@ -37,18 +37,18 @@ def strut_jacobian(page):
 
 
 def cylinder(mass: float, radius: float, length: float) -> np.ndarray:
-    """Moments of inertia [kg m^2] across, across and along."""
+    """Return moments of inertia [kg m^2] across, across and along."""
     across = mass * (3 * radius**2 + length**2) / 12
     return np.array([across, across, mass * radius**2 / 2])
 
 
 def velocity_at(point: np.ndarray) -> np.ndarray:
-    """Of a point of the disc [m] from B, per [angular; linear] velocity of B, shape (3, 6)."""
+    """Return velocity of a point of the disc [m] from B per twist of B, shape (3, 6)."""
     return np.hstack([np.cross(np.eye(3), point).T, np.eye(3)])
 
 
 def mass_at_b(page) -> np.ndarray:
-    """Of [angular; linear] velocity of B: disc, balls and both halves of struts, which turn."""
+    """Return the mass matrix at B of disc, balls and both halves of struts."""
     disc = velocity_at(np.array([0, 0, -0.05]))
     M = DISC * disc.T @ disc
     M[:3, :3] += np.diag(cylinder(DISC, 0.1, 0.01))
@@ -72,7 +72,7 @@ def test_the_modes_are_the_published_ones_and_those_of_lagranges_equations(page,
 
 
 def test_the_damping_ratios_are_the_published_ones_in_reverse(page):
-    """All damping is in proportion to stiffness: a ratio grows as its frequency."""
+    """Check damping in proportion to stiffness: a ratio grows as its frequency."""
     result = [-100 * mode.real / abs(mode) for mode in page["modes"]]
     expected = [100 * abs(mode) * DAMPING / STIFFNESS / 2 for mode in page["modes"]]
     np.testing.assert_allclose(result, expected, rtol=1e-5)
@@ -91,7 +91,7 @@ def test_the_compliance_is_the_published_one(page, strut_jacobian):
 
 
 def test_the_strokes_are_the_published_ones_by_exact_inverse_kinematics(page):
-    """The source goes through 25 of the 32 corners of its box; the other seven add nothing."""
+    """Check the 25 of 32 corners of the box in the source, which contain the extremes."""
     need = np.abs(page["need"])
     strokes = 2 * need.max(), 2 * need.sum(axis=1).max()
     np.testing.assert_allclose(strokes, STROKES_UM, atol=0.05)
@@ -124,12 +124,12 @@ def test_the_mobility_divides_by_the_change_of_length_and_the_published_one_mult
 
 STIFF_LOOPS = """<default><equality solref="1e-4 1" solimp="0.9999 0.9999"/></default>
 <option integrator="implicitfast" timestep="5e-5" jacobian="dense"/>"""
-"""Loops much stiffer than the struts, which MuJoCo's default ones are not."""
+"""Solver parameters for loops much stiffer than the struts, unlike MuJoCo's defaults."""
 
 
 @pytest.mark.long
-def test_the_platform_follows_a_circle_with_a_strut_that_locks_on_the_way(page, tmp_path):
-    """Five struts hold three translations; the diagnosis knows nothing but the file."""
+def test_the_platform_follows_a_circle_while_a_strut_locks(page, tmp_path):
+    """Check three translations with five struts, diagnosed with the file alone."""
     file = tmp_path / "stewart.xml"
     file.write_text(page["mjcf"].replace("<worldbody>", STIFF_LOOPS + "<worldbody>"))
     rig = Rig.of_mjcf(file, site="B", major=[3, 4, 5])
