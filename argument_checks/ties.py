@@ -35,9 +35,9 @@ def exceeds(
 
 
 def greatest(values: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -> int:
-    """Return the index of the first maximum of numbers (n,); NaN is the greatest, as in numpy.
+    """Return the index of the first maximum of numbers (n,), with tolerances of :func:`exceeds`.
 
-    The tolerances are those of :func:`exceeds`.
+    NaN is the greatest, as in numpy.
     """
     x = np.asarray(values, dtype=float)
     most = float(x.max())
@@ -46,10 +46,7 @@ def greatest(values: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -
 
 
 def least(values: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -> int:
-    """Return the index of the first minimum of numbers (n,), or of NaN.
-
-    The tolerances are those of :func:`exceeds`.
-    """
+    """Return the index of the first minimum of numbers (n,), with tolerances of :func:`exceeds`."""
     return greatest(-np.asarray(values, dtype=float), accuracy, zero)
 
 

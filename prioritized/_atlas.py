@@ -74,10 +74,7 @@ class Classes(ReadOnly):
 
     @property
     def worst_gain(self) -> Array:
-        """Least of the gains, shape (C,); zero if a direction is unreachable.
-
-        Infinite without major rows.
-        """
+        """Least of the gains, shape (C,); zero if unreachable, infinite without major rows."""
         return self.gains.min(axis=1, initial=np.inf)
 
 

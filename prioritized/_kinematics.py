@@ -164,10 +164,7 @@ class Kinematics:
         return gain / reduced.force_units[:, None] * reduced.rate_units
 
     def expand(self, rates: ArrayLike) -> Array:
-        """Expand rates or torques of the survivors (..., n - q) to all actuators (..., n).
-
-        Failed actuators have zeros.
-        """
+        """Expand rates or torques of the survivors (..., n - q) with zeros to (..., n)."""
         survivors = check.array("rates", rates, ..., len(self.actuators))
         expanded = np.zeros((*survivors.shape[:-1], len(self.system.joints.actuated)))
         expanded[..., self.actuators] = survivors
@@ -206,10 +203,8 @@ class Kinematics:
         f_C = force @ self._constraint_gain.T
         if torques is None:
             return f_C
-        imbalance = (
-            check.array("torques", torques, ..., len(self.active)) - force @ self._torque_gain.T
-        )
-        return f_C + imbalance @ self._internal_gain.T
+        tau = check.array("torques", torques, ..., len(self.active)) - force @ self._torque_gain.T
+        return f_C + tau @ self._internal_gain.T
 
     def manipulability(self, major: Sequence[int] | ArrayLike) -> Manipulability:
         """Evaluate the conditions of section 2.2 for a major task, with bases, gaps and sentences.

@@ -65,10 +65,7 @@ class Postures:
         return apply(self.passive_gain, "rates", rates)
 
     def velocities(self, rates: ArrayLike) -> Array:
-        """Return all velocities in the order of J_T's columns, shape (..., N).
-
-        `rates` is the argument of :meth:`passive_rates`.
-        """
+        """Return all velocities for rates in the order of J_T's columns, shape (..., N)."""
         return self.kinematics[0].system.joints.together(rates, self.passive_rates(rates))
 
     def velocity_mapping(

@@ -24,7 +24,9 @@ def corners(normal: Array, distance: Array) -> Array:
 
     In the plane they are ordered counter-clockwise. No rows if the set has no interior.
 
-    Args: normal: Shape (F, k). distance: Shape (F,); infinite ones bound nothing.
+    Args:
+        normal: Normals of the half-spaces, shape (F, k).
+        distance: Their distances, shape (F,); infinite ones bound nothing.
     """
     # Imported here: together they take as long to import as the whole library.
     from scipy.optimize import linprog

@@ -1,9 +1,9 @@
 """Facets, ball about zero and support of {G x : C x = 0, lower <= x <= upper}.
 
-Leading axes are batch axes. With c = G^T d + C^T y, linear programming duality gives the largest d
-. v as the least h(d, y) = sum_i max(lower_i c_i, upper_i c_i) over y. The half-spaces d . v <= h(d,
-y) of all (d, y) contain the set; it is the intersection of those normal to the facets of {[G; C] x
-: lower <= x <= upper}. Such a normal is orthogonal to rank - 1 independent columns.
+Leading axes are batch axes. With c = G^T d + C^T y, linear programming duality gives the
+largest d . v as the least h(d, y) = sum_i max(lower_i c_i, upper_i c_i) over y. The half-spaces
+d . v <= h(d, y) of all (d, y) contain the set; it is the intersection of those normal to the facets
+of {[G; C] x : lower <= x <= upper}. Such a normal is orthogonal to rank - 1 independent columns.
 """
 
 import itertools
@@ -41,7 +41,7 @@ class Facets(NamedTuple):
     """Half-spaces normal @ z <= distance with v = offset + U sigma z that include every facet.
 
     Attributes:
-        normal: Shape (..., F, k); zero where v is not bounded: then `distance` must not be
+        normal: Shape (..., F, k); zero if v is not bounded: then `distance` must not be
             negative.
         distance: Infinite where there is no bound, shape (..., F).
         size: Sum of the absolute terms of `distance`, the scale of its round-off, shape (..., F).

@@ -268,10 +268,8 @@ def _unstable_secondary(task: MajorTask, _: Any) -> _Directions:
 
 def _unobservable(task: MajorTask, of_mechanism: Callable[[str], Any]) -> _Directions:
     motion, passive = task.task, of_mechanism("passive")
-    unobservable = motion.self_motion[passive] @ motion.moved.null
-    return _orthonormal(motion.geometry.velocity_units[passive, None] * unobservable), (
-        motion.moved,
-    )
+    null, units = motion.moved.null, motion.geometry.velocity_units[passive, None]
+    return _orthonormal(units * (motion.self_motion[passive] @ null)), (motion.moved,)
 
 
 _COLUMNS = {

@@ -318,8 +318,8 @@ def force_mapping(
         scale=scale,
         rank_tolerance=rank_tolerance,
     )
-    force_limits = ForceLimits(torque_limits, torque_rows, force_rows, when_limited)
-    return _solved(problem, force_limits, None)
+    bounds = ForceLimits(torque_limits, torque_rows, force_rows, when_limited)
+    return _solved(problem, bounds, None)
 
 
 def force_mapping_of(
@@ -328,7 +328,7 @@ def force_mapping_of(
     secondary: Sequence[int] | ArrayLike | None,
     weights: tuple[ArrayLike | None, ArrayLike | None],
     metrics: tuple[ArrayLike | None, ArrayLike | None],
-    force_limits: ForceLimits,
+    bounds: ForceLimits,
 ) -> ForceMapping:
     """Return the force mapping of a mechanism; see :meth:`Kinematics.force_mapping`.
 
@@ -338,7 +338,7 @@ def force_mapping_of(
         secondary: As for :func:`force_mapping`.
         weights: Weights of the torques and of the secondary force.
         metrics: Metrics of the major force and of ties.
-        force_limits: Limits of torques and forces.
+        bounds: Limits of torques and forces.
     """
     stated = checked(
         mechanism.J,
@@ -373,7 +373,7 @@ def force_mapping_of(
         tie_metric=stated.tie_metric / rates,
         scale=np.asarray(scale * common),
     )
-    mapping = _solved(problem, force_limits, units)
+    mapping = _solved(problem, bounds, units)
     return replace(
         mapping,
         gap=np.minimum(mapping.gap, reduced.major(stated.S_m, stated.S_s).gap),
@@ -381,7 +381,7 @@ def force_mapping_of(
     )
 
 
-def _solved(problem: Problem, force_limits: ForceLimits, units: ForceUnits | None) -> ForceMapping:
+def _solved(problem: Problem, bounds: ForceLimits, units: ForceUnits | None) -> ForceMapping:
     """Return the mapping of checked arguments, which are in natural units if `units` is given."""
     _refuse_overlap(problem.S_m, problem.S_s, problem.tolerance)
     n, m1, m2 = problem.J.shape[-1], len(problem.S_m), len(problem.S_s)
@@ -391,7 +391,8 @@ def _solved(problem: Problem, force_limits: ForceLimits, units: ForceUnits | Non
     X, major_rank = on_axes(X, problem.lead), decisions[1].rank
     # Response to the major force with the least secondary force that self-motion requires.
     alone, _ = lexicographic([*levels[:2], levels[-1]], problem.tolerance)
-    limited = _limiting(problem, forces, force_limits, units)
+    limited = _limiting(problem, forces, bounds, units)
+    box = None if bounds.torques is None else limits("torque_limits", bounds.torques, n)
     reaction, work_rank = _reaction(problem, forces, alone[..., :m1])
     torques, (to_f_m, to_f_s, to_eta) = forces.torques @ X, np.split(X, [m1, m1 + m2], axis=-2)
     if units is not None:
@@ -415,26 +416,19 @@ def _solved(problem: Problem, force_limits: ForceLimits, units: ForceUnits | Non
         status=status_of(conditions, Status.EXACT),
         _problem=problem,
         _limiting=limited,
-        _torque_limits=None
-        if force_limits.torques is None
-        else limits("torque_limits", force_limits.torques, n),
+        _torque_limits=box,
         _units=units,
     )
 
 
 def _limiting(
-    problem: Problem, forces: Forces, force_limits: ForceLimits, units: ForceUnits | None
+    problem: Problem, forces: Forces, bounds: ForceLimits, units: ForceUnits | None
 ) -> Limiting | None:
     """Convert limits of torques and forces to limits of the unknowns [f_m; f_s; eta]."""
     m, n = problem.J.shape[-2:]
-    rows_of_torques, rows_of_forces = (
-        {"torque_rows": force_limits.torque_rows},
-        force_limits.force_rows,
-    )
-    on_torques = limiting(
-        n, "torque_limits", force_limits.torques, rows_of_torques, force_limits.when
-    )
-    on_forces = limiting(m, "", None, {"force_rows": rows_of_forces}, force_limits.when)
+    rows_of_torques, rows_of_forces = {"torque_rows": bounds.torque_rows}, bounds.force_rows
+    on_torques = limiting(n, "torque_limits", bounds.torques, rows_of_torques, bounds.when)
+    on_forces = limiting(m, "", None, {"force_rows": rows_of_forces}, bounds.when)
     if on_torques is None and on_forces is None:
         return None
     if units is not None:
@@ -444,8 +438,8 @@ def _limiting(
     rows: list[Rows] = []
     for part, of_unknowns in ((on_torques, forces.torques), (on_forces, forces.task)):
         if part is not None:
-            rows += [Rows(rows_here.G @ of_unknowns, rows_here.limits) for rows_here in part.rows]
-    return _of_torques(forces, box, rows, force_limits.when)
+            rows += [Rows(block.G @ of_unknowns, block.limits) for block in part.rows]
+    return _of_torques(forces, box, rows, bounds.when)
 
 
 def _of_torques(

@@ -32,9 +32,7 @@ class Plain:
         m1: Number of major directions.
     """
 
-    __slots__ = (
-        "J", "S", "_kernel_arguments", "m1", "metric", "scale", "threshold", "tolerance", "weights",
-    )  # fmt: skip
+    __slots__ = ("J", "S", "_args", "m1", "metric", "scale", "threshold", "tolerance", "weights")
 
     def __init__(
         self,
@@ -55,7 +53,7 @@ class Plain:
             has = weights[0] is not None, weights[1] is not None
             count = int(np.prod(J.shape[:-2]))
             shape = shape_of(S, rows, J.shape[-1], has, tolerance, threshold, count)
-        self._kernel_arguments = *shape, pointer(J), *map(_or_none, (scale, *weights))
+        self._args = *shape, pointer(J), *map(_or_none, (scale, *weights))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Pointers cannot be pickled.
@@ -78,7 +76,7 @@ class Plain:
     @property
     def is_moderate(self) -> bool:
         """Return whether all numbers are finite, and no product of them over- or underflows."""
-        problem, _, J, _, w1, w2 = self._kernel_arguments
+        problem, _, J, _, w1, w2 = self._args
         return lib.problem1_fits(problem.pointer, J, w1, w2)
 
     def rates(
@@ -94,7 +92,7 @@ class Plain:
         deficient.
         """
         values = v_major, joint_velocity, secondary_velocity
-        problem, workspace, *first = self._kernel_arguments
+        problem, workspace, *first = self._args
         lead, n, m1 = self.J.shape[:-2], self.J.shape[-1], self.m1
         sizes = m1, n, len(self.S) - (m1 if self.metric is None else len(self.metric))
         targets: list[Any] = []

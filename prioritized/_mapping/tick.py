@@ -49,10 +49,7 @@ class TickData(NamedTuple):
 
     @classmethod
     def of(cls, specs: LevelSpecs, mechanism: "Kinematics") -> "TickData | None":
-        """Return the data of a mechanism at any pose.
-
-        None if it has springs, or a level is an interval.
-        """
+        """Return the data of a mechanism at any pose; None for springs or intervals."""
         system = mechanism.system
         active, is_interval = system.joints.active, any(level[0].interval for level in specs.levels)
         if is_interval or not system.is_rigid or not len(active):
@@ -193,9 +190,8 @@ def _widest_last(system: Partition) -> tuple[Indices, Indices]:
     Velocities of a single loop come first, which preserves zeros in the elimination.
     """
     moving = system.joints.moving
-    is_stationary = ~(
-        system.J_C[:, moving].any(axis=0) | system.geometry.J_T[:, moving].any(axis=0)
-    )
+    J_T, J_C = system.geometry.J_T, system.J_C
+    is_stationary = ~(J_C[:, moving].any(axis=0) | J_T[:, moving].any(axis=0))
     moving, stationary = moving[~is_stationary], moving[is_stationary]
     rows = [np.flatnonzero(column) for column in system.J_C[:, moving].T]
     widths = [int(np.ptp(indices)) if len(indices) else 0 for indices in rows]
@@ -331,9 +327,8 @@ class Tick(ReadOnly):
             inputs = pointer(J_T), pointer(J_C), pointer(targets)
             desired = ffi.NULL if along is None else pointer(along)
             limits = pointer(lower), pointer(upper), error_bound
-            code = lib.tick_solve(
-                data.pointer, *inputs, desired, *limits, pointer(velocities), workspace
-            )
+            outputs = pointer(velocities), workspace
+            code = lib.tick_solve(data.pointer, *inputs, desired, *limits, *outputs)
         except (KeyError, TypeError, ValueError):  # other numbers; not contiguous
             return True, None
         return code == lib.TICK_REFUSED, velocities if code == lib.TICK_SOLVED else None

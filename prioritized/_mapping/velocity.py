@@ -130,10 +130,7 @@ class VelocityMapping:
         return scaled if self._limiting is None else scaled.clip(*self._limiting.box)
 
     def _by_tick(self, arguments: tuple[ArrayLike | None, ...], box: Limits | None) -> Array | None:
-        """Return optimal rates for one target from J_T and J_C; None if ill-conditioned.
-
-        None as well for a batch of targets.
-        """
+        """Return optimal rates for one target from J_T and J_C; None if not applicable."""
         tick, (major, *others), problem = self.tick(), arguments, self._first._own
         if tick is None or self._kinematics is None:
             return None
@@ -290,9 +287,7 @@ class VelocityMapping:
     def at(
         self, kinematics: "Kinematics", *, rate_limits: tuple[ArrayLike, ArrayLike] | None = None
     ) -> "VelocityMapping":
-        """Return the mapping with the same task, weights and metrics at another pose.
-
-        These are not checked again.
+        """Return the mapping with the same task, weights and metrics, unchecked, at another pose.
 
         Args:
             kinematics: Mechanism at that pose.

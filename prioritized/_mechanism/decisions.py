@@ -152,10 +152,7 @@ def separating_scale(
 
 
 def respanned(columns: Array, factors: Array) -> Array:
-    """Return an orthonormal basis of the span of columns whose rows are scaled, (..., k, .).
-
-    Zero columns stay zero.
-    """
+    """Return an orthonormal basis of columns with scaled rows, (..., k, .); zero ones stay."""
     if not columns.size or (factors == factors[0]).all():
         return columns
     moved = factors[:, None] * columns

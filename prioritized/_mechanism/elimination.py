@@ -192,10 +192,7 @@ def passive_motion(system: Partition) -> PassiveMotion:
 
 
 def _compliance(free: Array, K: Array, moving: Indices, count: int) -> tuple[Array, Array]:
-    """Return the inverse of K on the free motion (p, p), and a basis of the unresisted motion.
-
-    `count` is the dimension of the motion that K does not resist.
-    """
+    """Return K^-1 on free motion (p, p), and a basis of the `count` unresisted motions."""
     resisted = free.shape[1] - count
     _, sigma, Vt = np.linalg.svd(free.T @ K[np.ix_(moving, moving)] @ free)
     directions = free @ Vt[:resisted].T
@@ -211,7 +208,7 @@ def _least_energy(
 
 
 def regular_motion(system: Partition, motion: PassiveMotion) -> TaskMotion:
-    """Return the task motion if loops determine all passive joints and leave active ones free."""
+    """Return the task motion if loops determine all passive joints and tie no active ones."""
     geometry, (_, active, _, moving, *_) = system.geometry, system.joints
     (N, n), closing = (geometry.J_T.shape[1], len(active)), None
     velocities, is_moving = np.zeros((N, n)), np.zeros(N, dtype=bool)

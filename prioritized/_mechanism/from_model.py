@@ -10,11 +10,7 @@ from prioritized._mechanism.geometry import Accuracy
 from prioritized._solver.rank import RANK_TOLERANCE
 
 GEOMETRY_MARGIN = 10.0
-"""Ratio of rank tolerance to accuracy of the geometry.
-
-Errors of delta in each axis or relative length change the singular values of closures by a few
-delta of their scale.
-"""
+"""Ratio of rank tolerance to accuracy: singular values err by a few times the geometry's error."""
 
 
 class Mechanism(Protocol):

@@ -13,10 +13,7 @@ def internal_rows(system: Partition, motion: PassiveMotion) -> Array:
 
 
 def constraint_gain(system: Partition, motion: PassiveMotion, internal_force: Array) -> Array:
-    """Return constraint forces per task force, eq. (11), orthogonal to `internal_force`.
-
-    Shape (c + s, m).
-    """
+    """Return constraint forces per task force, eq. (11), (c + s, m), without internal ones."""
     stuck = system.joints.stuck
     f_C = -motion.closing.T @ system.J_T[:, system.joints.moving].T
     # A stuck joint's reaction balances the task force, f_C and the springs on it, eq. (9).

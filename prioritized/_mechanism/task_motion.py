@@ -17,10 +17,7 @@ from prioritized._solver.arrays import transposed
 from prioritized._solver.rank import RANK_TOLERANCE, ROUND_OFF, RankedSvd, frobenius, ranked_svd
 
 LEAST_ROWS = 10.0 * ROUND_OFF / RANK_TOLERANCE
-"""Least size of task rows, as a fraction of the size of the whole task.
-
-For smaller rows the tolerance would be less than ten times the round-off of the whole task.
-"""
+"""Least size of task rows per size of the task: the tolerance is then ten times the round-off."""
 
 
 @dataclass(frozen=True, eq=False)
