@@ -111,8 +111,8 @@ def starts(rng: np.random.Generator, batch: Batch) -> list[Found]:
     far = 1e3 * rng.normal(size=shape)
     optimum = kernel(unlimited(batch)).x
     free = np.zeros(shape, np.int8)
-    begun = [None, (optimum, free), *((far, state) for state in states)]
-    return [kernel(batch, start=start) for start in begun]
+    warm_state = [None, (optimum, free), *((far, state) for state in states)]
+    return [kernel(batch, start=start) for start in warm_state]
 
 
 def random_batch(

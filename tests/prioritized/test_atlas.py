@@ -21,7 +21,7 @@ FLAGS = (
 )
 
 
-def assert_says(classes, row: int, system: ConstrainedSystem, major, secondary) -> None:
+def assert_classified(classes, row: int, system: ConstrainedSystem, major, secondary) -> None:
     """Compare one row of the atlas with the kinematics of that condition."""
     kin = system.kinematics()
     report = kin.manipulability(major)
@@ -88,7 +88,7 @@ def conditions_alone(data, sample, count: int | None) -> None:
         for classes, of in ((atlas, rigid(system)), (atlas.elastic, system)):
             if classes is not None:
                 condition = of.with_failures(*failed)
-                assert_says(classes, row, condition, major, secondary)
+                assert_classified(classes, row, condition, major, secondary)
                 if len(major) <= 3:
                     assert_limited(classes, row, condition, major, rates, torques)
 

@@ -31,9 +31,9 @@ from tests.random_systems import SEEDS, failures, major_and_secondary, orthogona
 MADE = pytest.mark.parametrize("made", [velocity_mapping, force_mapping])
 
 
-def by_gains(mapping, *aims):
+def by_gains(mapping, *goals):
     gains = mapping.major, mapping.joint, mapping.secondary
-    pairs = zip(gains, aims, strict=True)
+    pairs = zip(gains, goals, strict=True)
     return sum(np.einsum("...ij,...j->...i", gain, aim) for gain, aim in pairs)
 
 
@@ -54,42 +54,42 @@ def test_all_methods_give_equal_rates(data, sample, size):
     lower, upper = (size * rng.uniform(0.5, 2.0, N_all) for _ in range(2))
     box, wide = (-lower, upper), (-20 * lower, 20 * upper)
     own = -lower[kin.actuators], upper[kin.actuators]
-    aims = rng.normal(size=len(major)), rng.normal(size=n), rng.normal(size=len(others))
+    goals = rng.normal(size=len(major)), rng.normal(size=n), rng.normal(size=len(others))
 
     made = kin.velocity_mapping(major, None, *W, rate_limits=box)
-    result = made.solve(*aims)
+    result = made.solve(*goals)
     free, known = kin.velocity_mapping(major, None, *W), first.velocity_mapping(major, None, *W)
-    known(*aims)  # it remembers what it was called with
+    known(*goals)  # it remembers what it was called with
     before = first.velocity_mapping(major, None, *W, rate_limits=wide)
-    before(*aims)
+    before(*goals)
     moved = known.at(kin, rate_limits=box)
     methods: dict[str, Any] = {
         "called": made,
-        "called with lists": lambda *aims: made(*(aim.tolist() for aim in aims)),
+        "called with lists": lambda *goals: made(*(aim.tolist() for aim in goals)),
         "within": free.with_limits(own),
         "from another pose": moved,
         "from other limits there": before.at(kin, rate_limits=box),
-        "lists from another pose": lambda *aims: moved(*(aim.tolist() for aim in aims)),
-        "targets from another pose": lambda *aims: moved(*(np.stack([a, -a]) for a in aims))[0],
-        "solved from another pose": lambda *aims: moved.solve(*aims).rates,
-        "one of a batch of postures": lambda *aims: (
+        "lists from another pose": lambda *goals: moved(*(aim.tolist() for aim in goals)),
+        "targets from another pose": lambda *goals: moved(*(np.stack([a, -a]) for a in goals))[0],
+        "solved from another pose": lambda *goals: moved.solve(*goals).rates,
+        "one of a batch of postures": lambda *goals: (
             there.postures(there.J_T[None])
             .velocity_mapping(major, None, *W)
-            .with_limits(own)(*aims)[0]
+            .with_limits(own)(*goals)[0]
         ),
-        "one of a batch of targets": lambda *aims: made(*(np.stack([a, -a]) for a in aims))[0],
+        "one of a batch of targets": lambda *goals: made(*(np.stack([a, -a]) for a in goals))[0],
     }
     scale = max(1.0, np.abs(result.rates).max(initial=0.0))
     for name, method in methods.items():
         loose = 1e-6 if "postures" in name else 1e-9 * scale
-        np.testing.assert_allclose(method(*aims), result.rates, rtol=0, atol=loose, err_msg=name)
+        np.testing.assert_allclose(method(*goals), result.rates, rtol=0, atol=loose, err_msg=name)
     assert moved.status is made.status
     assert ((own[0] <= result.rates) & (result.rates <= own[1])).all()
-    nothing = aims[0], np.zeros(n), np.zeros(len(others))
+    nothing = goals[0], np.zeros(n), np.zeros(len(others))
     for mapping in (free, known.at(kin)):
-        np.testing.assert_allclose(mapping(*aims), by_gains(mapping, *aims), atol=1e-7)
-        np.testing.assert_allclose(mapping(aims[0]), by_gains(mapping, *nothing), atol=1e-7)
-        np.testing.assert_allclose(mapping.solve(*aims).rates, mapping(*aims), atol=1e-7)
+        np.testing.assert_allclose(mapping(*goals), by_gains(mapping, *goals), atol=1e-7)
+        np.testing.assert_allclose(mapping(goals[0]), by_gains(mapping, *nothing), atol=1e-7)
+        np.testing.assert_allclose(mapping.solve(*goals).rates, mapping(*goals), atol=1e-7)
 
 
 @pytest.mark.parametrize("kind", ["i8", "f4", ">f8", "F"])
@@ -243,9 +243,9 @@ def test_any_arguments_may_be_batches_with_or_without_secondary_rows(made, data,
         """Return the last `own` axes of one element."""
         return np.broadcast_to(A, (*lead, *A.shape[A.ndim - own :]))[at]
 
-    def answers(of: Any, *aims: np.ndarray) -> list[np.ndarray]:
-        result = [getattr(of, kind)(*aims) for kind in kinds]
-        return [*result, of.residual(aims[0]), *(np.asarray(getattr(of, name)) for name in names)]
+    def answers(of: Any, *goals: np.ndarray) -> list[np.ndarray]:
+        result = [getattr(of, kind)(*goals) for kind in kinds]
+        return [*result, of.residual(goals[0]), *(np.asarray(getattr(of, name)) for name in names)]
 
     together = answers(mapping, *inputs)
     for at in np.ndindex(lead):
