@@ -1,7 +1,8 @@
-"""Argument checks of all rooms: wrong input raises at once, in one sentence.
+"""Argument checks of all packages: invalid input raises immediately, with a one-sentence message.
 
-It names the argument, what it must be and what came. Every check returns the argument in the form
-that the caller computes with. Made for use as `import argument_checks as check`.
+The message names the argument, the expected value and the given one. Every check returns the
+argument in the form that the caller computes with. Meant for use as `import argument_checks as
+check`.
 """
 
 from argument_checks.arrays import LARGEST as LARGEST
@@ -18,12 +19,12 @@ from argument_checks.arrays import is_moderate as is_moderate
 from argument_checks.arrays import is_plain as is_plain
 from argument_checks.arrays import limits as limits
 from argument_checks.arrays import read_only as read_only
-from argument_checks.arrays import shown as shown
+from argument_checks.arrays import short_repr as short_repr
 from argument_checks.arrays import weight as weight
 from argument_checks.records import computed as computed
-from argument_checks.records import keep as keep
+from argument_checks.records import freeze_field as freeze_field
 from argument_checks.records import lock as lock
-from argument_checks.records import made as made
+from argument_checks.records import unchecked_record as unchecked_record
 from argument_checks.values import DAY_S as DAY_S
 from argument_checks.values import SECONDS as SECONDS
 from argument_checks.values import attributes as attributes
@@ -37,4 +38,4 @@ from argument_checks.values import members as members
 from argument_checks.values import number as number
 
 __version__ = "0.2.0"
-"""The distribution's version, written here alone: this package is below all others."""
+"""Version of the distribution, defined here because this package imports no other."""

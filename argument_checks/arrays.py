@@ -1,4 +1,4 @@
-"""Arrays of finite numbers of moderate size, limits, and weights; what came, in few words."""
+"""Checks of arrays, limits and weights: finite real numbers of moderate magnitude."""
 
 from collections.abc import Sequence
 from types import EllipsisType
@@ -15,13 +15,13 @@ _T = TypeVar("_T", bound=np.generic)
 _FLOAT64 = np.dtype(np.float64)
 
 LARGEST = 1e120
-"""No number may be as large: squares, and products of two, must not overflow."""
+"""Bound on the magnitude of every number, so that squares and products of two do not overflow."""
 SMALLEST = 1e-120
-"""A matrix that is not zero must be as large, for the same reason: they must not vanish."""
+"""Least magnitude of a non-zero matrix, so that its square does not underflow to zero."""
 
 
-def shown(value: Any) -> str:
-    """What came, on one short line of the sentence that refuses it."""
+def short_repr(value: Any) -> str:
+    """Return a one-line representation of a value for error messages, at most 80 characters."""
     try:
         text = " ".join(repr(value).split())
     except ValueError:  # Python does not write out integers of thousands of digits
@@ -37,16 +37,17 @@ def array(
     finite: bool = True,
     copy: bool = False,
 ) -> Array:
-    """Real numbers as float64, finite ones unless told otherwise.
+    """Check an array of real numbers and return it as float64; it must be finite by default.
 
     Args:
-        name: Of the argument.
-        value: A float64 array of the right shape is returned as it is.
-        shape: Length of each axis, None for any; a leading `...` is any batch axes. No shape is
-            any. Where it has two lengths or more, each matrix must be zero or not too small.
-        least: No number may be below it; None for any.
-        finite: Whether NaN and infinity are refused, and what is so large that products overflow.
-        copy: Whether to return a new array in any case.
+        name: Name of the argument, for messages.
+        value: Array-like; a float64 array of the right shape is returned without copying.
+        shape: Length of each axis, None for any; a leading `...` stands for any batch axes. Without
+            a shape any is accepted. With two lengths or more, each matrix must be zero or not too
+            small.
+        least: Lower bound of all numbers; None is no bound.
+        finite: Refuse NaN, infinity and numbers so large that products overflow.
+        copy: Always return a new array.
     """
     if type(value) is np.ndarray and value.dtype is _FLOAT64 and least is None and not copy:
         size = dnrm2(value.ravel()) if value.size else 0.0
@@ -69,23 +70,23 @@ def array(
 
 
 def at_least(least: float) -> str:
-    """What numbers must be that are not below this one, in words."""
+    """Return the phrase that error messages use for a lower bound."""
     signs = {0.0: "not be negative", SMALLEST: f"be positive, at least {SMALLEST:g}"}
     return signs.get(least, f"be at least {least:g}")
 
 
 def is_plain(value: ArrayLike | None) -> TypeGuard[Array]:
-    """Whether this is an array of float64 as it stands, finite or not."""
+    """Return whether a value is a float64 ndarray, finite or not."""
     return type(value) is np.ndarray and value.dtype is _FLOAT64
 
 
 def is_moderate(A: Array) -> bool:
-    """Whether all numbers are finite and their norm moderate: one pass, and no array in between."""
+    """Return whether all numbers are finite and their norm below LARGEST, without temporaries."""
     return A.size == 0 or dnrm2(A.ravel()) < LARGEST  # NaN is not
 
 
 def is_masked(value: Any) -> bool:
-    """Whether numbers of an array, or of one in a list, are hidden behind a mask."""
+    """Return whether a value is a masked array, or a list that contains one."""
     if isinstance(value, list | tuple):
         return any(map(is_masked, value))
     return isinstance(value, np.ma.MaskedArray)
@@ -94,21 +95,21 @@ def is_masked(value: Any) -> bool:
 def limits(
     name: str, value: Sequence[ArrayLike] | Array, size: int, *, batch: bool = False
 ) -> tuple[Array, Array]:
-    """A pair (lower, upper) of n limits, infinite where there is none.
+    """Check a pair (lower, upper) of n limits, infinite where there is no limit.
 
-    Each is n numbers, or one for all; equal ones are a lock. Read-only copies of shape (n,); with
-    `batch` they may have leading axes, (..., n) each, and are not copied.
+    Each is n numbers, or one number for all; equal limits fix the variable. Return read-only copies
+    of shape (n,); with `batch` each may have leading axes, (..., n), and is not copied.
     """
     try:
         lower, upper = value
     except (TypeError, ValueError):
-        raise ValueError(f"{name} must be a pair (lower, upper), got {shown(value)}") from None
+        raise ValueError(f"{name} must be a pair (lower, upper), got {short_repr(value)}") from None
     lower, upper = _side(name, lower, size), _side(name, upper, size)
     if lower.shape != upper.shape:
         common_axes({f"{name}[0]": lower.shape[:-1], f"{name}[1]": upper.shape[:-1]})
         lower, upper = np.broadcast_arrays(lower, upper)
     if (lower > upper).any() or (lower == np.inf).any() or (upper == -np.inf).any():
-        raise ValueError(f"{name} must be a lower and an upper limit, got {shown(value)}")
+        raise ValueError(f"{name} must be a lower and an upper limit, got {short_repr(value)}")
     if batch:
         return lower, upper
     if lower.ndim > 1:
@@ -117,9 +118,9 @@ def limits(
 
 
 def weight(name: str, value: ArrayLike, size: int, *, semidefinite: bool = False) -> Array:
-    """A weighting matrix (..., k, size); a vector is the diagonal of one.
+    """Check a weighting matrix (..., k, size); a vector is interpreted as its diagonal.
 
-    With `semidefinite` it is symmetric, (size, size), and has no negative eigenvalue.
+    With `semidefinite` it must be symmetric, (size, size), without negative eigenvalues.
     """
     W = array(name, value, copy=True)
     if W.ndim == 0 or W.shape[-1] != size:
@@ -131,16 +132,15 @@ def weight(name: str, value: ArrayLike, size: int, *, semidefinite: bool = False
     _refuse_tiny(name, W)
     round_off = 1e-12 * np.abs(W).max(initial=0.0)
     if W.shape != (size, size) or (np.abs(W - W.T) > round_off).any():
-        raise ValueError(
-            f"{name} must be a diagonal of {size} or a symmetric matrix, got {shown(W.tolist())}"
-        )
+        got = short_repr(W.tolist())
+        raise ValueError(f"{name} must be a diagonal of {size} or a symmetric matrix, got {got}")
     if (lowest := np.linalg.eigvalsh(W).min(initial=0.0)) < -round_off * size:
         raise ValueError(f"{name} must have no negative eigenvalue, got {lowest:.3g}")
     return W
 
 
 def common_axes(leads: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
-    """The batch axes that arguments with these leading axes have together."""
+    """Return the batch axes to which arguments with these leading axes broadcast."""
     if not any(leads.values()):
         return ()
     try:
@@ -151,29 +151,30 @@ def common_axes(leads: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
 
 
 def frozen(A: NDArray[_T]) -> NDArray[_T]:
-    """A read-only copy."""
+    """Return a read-only copy."""
     return read_only(np.array(A))
 
 
 def read_only(A: NDArray[_T]) -> NDArray[_T]:
-    """The array itself, made read-only."""
+    """Make the array itself read-only and return it."""
     A.setflags(write=False)
     return A
 
 
-def flat(A: Array, own: int, lead: tuple[int, ...]) -> Array:
-    """Arrays of so many axes of their own, broadcast to batch axes and then as one batch, in C.
+def flat(A: Array, axes: int, lead: tuple[int, ...]) -> Array:
+    """Broadcast to the batch axes `lead` and merge these into one, C-contiguous.
 
-    Without batch axes the array itself.
+    `axes` is the number of trailing axes of each array. Without batch axes the array is only made
+    contiguous.
     """
     if not lead:
         return np.ascontiguousarray(A)
-    shape = A.shape[A.ndim - own :]
+    shape = A.shape[A.ndim - axes :]
     return np.ascontiguousarray(np.broadcast_to(A, (*lead, *shape))).reshape(-1, *shape)
 
 
 def _as_float64(name: str, value: ArrayLike | None) -> Array:
-    """A copy of real numbers, infinite or not."""
+    """Return a float64 copy of real numbers, which may be infinite."""
     if is_masked(value):
         raise ValueError(f"{name} must have all its numbers, got a masked array: fill it first")
     try:
@@ -188,11 +189,11 @@ def _as_float64(name: str, value: ArrayLike | None) -> Array:
 
 
 def _has_shape(A: Array, shape: tuple[int | EllipsisType | None, ...]) -> bool:
-    found = A.shape
+    lengths = A.shape
     if shape[0] is ...:
         shape = shape[1:]
-        found = found[max(len(found) - len(shape), 0) :]
-    return found == shape or (len(found) == len(shape) and all(map(_fits, found, shape)))
+        lengths = lengths[max(len(lengths) - len(shape), 0) :]
+    return lengths == shape or (len(lengths) == len(shape) and all(map(_fits, lengths, shape)))
 
 
 def _fits(length: int, size: int | EllipsisType | None) -> bool:
@@ -200,24 +201,25 @@ def _fits(length: int, size: int | EllipsisType | None) -> bool:
 
 
 def _written(shape: tuple[int | EllipsisType | None, ...]) -> str:
-    """A shape as in error messages: (3,), (..., any, 6)."""
+    """Format a shape for error messages, such as (3,) or (..., any, 6)."""
     names = {None: "any", ...: "..."}
-    words = [names[each] if each is None or each is ... else str(each) for each in shape]
-    return f"({', '.join(words)}{',' if len(words) == 1 else ''})"
+    lengths = [names[n] if n is None or n is ... else str(n) for n in shape]
+    return f"({', '.join(lengths)}{',' if len(lengths) == 1 else ''})"
 
 
 def _refuse_tiny(name: str, A: Array) -> None:
-    """Refuse matrices that are neither zero nor large enough for products."""
+    """Raise for a matrix that is neither zero nor large enough for products."""
     if A.ndim == 2 and A.size and dnrm2(A.ravel()) >= SMALLEST:
         return  # the common case
     size = np.abs(A).max(axis=(-2, -1), initial=0.0)
     if (small := size[(size > 0.0) & (size < SMALLEST)]).size:
-        least = f"{SMALLEST:g}"
-        raise ValueError(f"{name} must be zero or of a size of at least {least}, got {small[0]:g}")
+        raise ValueError(
+            f"{name} must be zero or have magnitudes of at least {SMALLEST:g}, got {small[0]:g}"
+        )
 
 
 def _side(name: str, value: ArrayLike, size: int) -> Array:
-    """Lower or upper limits (..., size), or one number; they may be infinite."""
+    """Check lower or upper limits (..., size), or one number; they may be infinite."""
     if type(value) is float and abs(value) < LARGEST:
         return np.asarray(value)  # the common case
     A = value if is_plain(value) else _as_float64(name, value)

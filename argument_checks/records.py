@@ -1,4 +1,4 @@
-"""Frozen records of arrays: checked and copied where they come in, locked where they are made."""
+"""Frozen records of arrays, checked and copied on input and made read-only on construction."""
 
 from typing import Any, TypeVar
 
@@ -10,38 +10,37 @@ _Kind = TypeVar("_Kind")
 
 
 def lock(record: object) -> None:
-    """Make the arrays of a record read-only, at little cost: they are its own."""
+    """Make all arrays of a record read-only in place; the record must own them."""
     for value in vars(record).values():
         if type(value) is np.ndarray:
             read_only(value)
 
 
 def computed(kind: type[_Kind], **fields: Any) -> _Kind:
-    """A frozen record of new arrays that come from checked ones, at every tick: locked alone."""
-    record = made(kind, **fields)
+    """Construct a frozen record of new arrays without checks, and make these read-only."""
+    record = unchecked_record(kind, **fields)
     lock(record)
     return record
 
 
-def made(kind: type[_Kind], **fields: Any) -> _Kind:
-    """A frozen record of arrays that are locked already, made without its own checks."""
+def unchecked_record(kind: type[_Kind], **fields: Any) -> _Kind:
+    """Construct a frozen dataclass from arrays that are read-only already, bypassing its checks."""
     record = object.__new__(kind)
     record.__dict__.update(fields)
     return record
 
 
 def changed(record: _Kind, **fields: Any) -> _Kind:
-    """The record with other values of some fields, as `dataclasses.replace` makes it.
+    """Return a copy of a frozen record with some fields replaced, as by `dataclasses.replace`.
 
-    That takes seven times as long, several times a tick. For frozen records that check nothing when
-    they are made, and keep nothing that is computed from their fields.
+    Seven times as fast. Only for records without `__post_init__` checks and cached values.
     """
-    after = object.__new__(type(record))
-    after.__dict__.update(record.__dict__, **fields)
-    return after
+    copy = object.__new__(type(record))
+    copy.__dict__.update(record.__dict__, **fields)
+    return copy
 
 
-def keep(frozen: object, name: str, *shape: int) -> None:
-    """Check an array of a frozen dataclass, and keep a read-only copy, in C's order."""
+def freeze_field(frozen: object, name: str, *shape: int) -> None:
+    """Replace an array field of a frozen dataclass by a checked, read-only, C-contiguous copy."""
     A = np.array(array(name, getattr(frozen, name), ..., *shape), order="C")
     object.__setattr__(frozen, name, read_only(A))

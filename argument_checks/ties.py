@@ -1,8 +1,8 @@
-"""Which of several computed numbers is the least or the greatest: one rule for ties.
+"""Argmin and argmax that return the first of all values equal to within round-off.
 
-On a symmetric machine whole lists of numbers are equal, but for their last bits, which depend on
-the processor. Here numbers that are equal within their accuracy are equal, and what comes first of
-them, in the order in which the caller named them, is first.
+On a symmetric machine many computed numbers are equal except for their last bits, which depend on
+the processor. Numbers that agree within the accuracy are treated as equal here, and the first one
+in the caller's order is selected.
 """
 
 from math import isfinite
@@ -13,61 +13,63 @@ from numpy.typing import ArrayLike
 from argument_checks.arrays import Indices, Mask
 
 ACCURACY = 1e-9
-"""Part of a number, as in :func:`math.isclose`: well above round-off, and below what matters."""
+"""Relative accuracy, as in :func:`math.isclose`: above round-off, below differences that matter."""
 
 
 def exceeds(
     value: ArrayLike, bound: ArrayLike, accuracy: float = ACCURACY, zero: ArrayLike = 0.0
 ) -> Mask:
-    """Whether numbers are above others by more than their accuracy; broadcast, shape (...).
+    """Return where values exceed bounds by more than their accuracy; broadcast, shape (...).
 
     Args:
-        value: Any numbers; they may be infinite. NaN is above nothing.
-        bound: Likewise.
-        accuracy: Part of the larger of two numbers by which equal ones may differ.
-        zero: Size of what may be round-off of terms that cancel: equal ones may differ by it, too.
+        value: Any numbers, also infinite; NaN exceeds nothing.
+        bound: Numbers to compare with.
+        accuracy: Relative difference up to which two numbers count as equal.
+        zero: Absolute difference up to which they count as equal, for terms that cancel to
+            round-off.
     """
     a, b = np.asarray(value, dtype=float), np.asarray(bound, dtype=float)
     with np.errstate(invalid="ignore"):  # infinity less infinity
-        room = accuracy * np.maximum(np.abs(a), np.abs(b))
-        return (a > b) & ~(a - b <= np.maximum(np.where(np.isinf(room), 0.0, room), zero))
+        margin = accuracy * np.maximum(np.abs(a), np.abs(b))
+        return (a > b) & ~(a - b <= np.maximum(np.where(np.isinf(margin), 0.0, margin), zero))
 
 
 def greatest(values: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -> int:
-    """Index of the first of the greatest of numbers (n,); NaN is the greatest of all, as in numpy.
+    """Return the index of the first maximum of numbers (n,), with tolerances of :func:`exceeds`.
 
-    Arguments as of :func:`exceeds`.
+    NaN is the greatest, as in numpy.
     """
     x = np.asarray(values, dtype=float)
     most = float(x.max())
-    room = max(accuracy * abs(most), zero) if isfinite(most) else 0.0
-    return int(np.argmax((x >= most - room) | (x != x)))
+    margin = max(accuracy * abs(most), zero) if isfinite(most) else 0.0
+    return int(np.argmax((x >= most - margin) | (x != x)))
 
 
 def least(values: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -> int:
-    """Index of the first of the least of numbers (n,), or of NaN; arguments likewise."""
+    """Return the index of the first minimum of numbers (n,), with tolerances of :func:`exceeds`."""
     return greatest(-np.asarray(values, dtype=float), accuracy, zero)
 
 
 def ascending(*keys: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -> Indices:
-    """Indices that sort by the first key, then by the second, and so on; ties keep their order.
+    """Return indices that sort by the first key, then by the second, etc.; ties keep their order.
 
     Args:
-        keys: Numbers, shape (n,) each; NaN comes last.
-        accuracy: As of :func:`ranks`.
-        zero: Likewise.
+        keys: Numbers, shape (n,) each; NaN is sorted last.
+        accuracy: Relative tolerance of :func:`ranks`.
+        zero: Absolute tolerance of :func:`ranks`.
     """
     return np.lexsort([ranks(key, accuracy, zero) for key in reversed(keys)])
 
 
 def ranks(values: ArrayLike, accuracy: float = ACCURACY, zero: float = 0.0) -> Indices:
-    """0 for the least of numbers (n,) and all that equal it, 1 for the next, and so on; NaN last.
+    """Return dense ranks of numbers (n,), 0 for the least and all equal to it; NaN is ranked last.
 
-    Arguments as of :func:`exceeds`. Numbers are equal, too, if others between them connect them.
+    The tolerances are those of :func:`exceeds`. Equality is transitive: numbers connected by a
+    chain of equal ones are equal.
     """
     x = np.asarray(values, dtype=float)
-    order, found = np.argsort(x, kind="stable"), np.zeros(len(x), dtype=np.intp)
+    order, result = np.argsort(x, kind="stable"), np.zeros(len(x), dtype=np.intp)
     before, after = x[order[:-1]], x[order[1:]]
     larger = exceeds(after, before, accuracy, zero) | (np.isnan(after) & ~np.isnan(before))
-    found[order[1:]] = np.cumsum(larger)
-    return found
+    result[order[1:]] = np.cumsum(larger)
+    return result

@@ -1,4 +1,4 @@
-"""Single numbers and indices, switches, choices by name, and things of a kind."""
+"""Checks of single numbers, indices, flags, choices, types and attributes."""
 
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
@@ -7,18 +7,25 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from argument_checks.arrays import LARGEST, SMALLEST, Indices, array, at_least, is_masked, shown
+from argument_checks.arrays import (
+    LARGEST,
+    SMALLEST,
+    Indices,
+    array,
+    at_least,
+    is_masked,
+    short_repr,
+)
 
 _Kind = TypeVar("_Kind")
 
 DAY_S = 86_400.0
 SECONDS = 1e-9, DAY_S
-"""From where to where a duration goes: what is counted in ticks of one and lasts for the other
-must come to an end."""
+"""Range of durations [s]: a run of the longest duration with the shortest period must terminate."""
 
 
 def number(name: str, value: ArrayLike, least: float = -LARGEST, most: float = LARGEST) -> float:
-    """One finite number from `least` to `most`."""
+    """Check one finite number between `least` and `most`."""
     if type(value) is float and least <= value <= most and abs(value) < LARGEST:
         return value  # the common case
     A = array(name, value)
@@ -29,24 +36,24 @@ def number(name: str, value: ArrayLike, least: float = -LARGEST, most: float = L
             f"be {'above 0 and at most' if least == SMALLEST else f'from {least:g} to'} {most:g}"
         )
         expected = below if most < LARGEST else at_least(least)
-        raise ValueError(f"{name} must {expected}, got {shown(value)}")
+        raise ValueError(f"{name} must {expected}, got {short_repr(value)}")
     return x
 
 
 def integer(name: str, value: Any, size: int | None = None) -> int:
-    """One integer of range(size), or any that is not negative."""
+    """Check an integer of range(size), or any non-negative one if `size` is None."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
-        raise ValueError(f"{name} must be an integer, got {shown(value)}")
+        raise ValueError(f"{name} must be an integer, got {short_repr(value)}")
     if value < 0 or (size is not None and value >= size):
         expected = "not be negative" if size is None else f"lie in 0..{size - 1}"
-        raise ValueError(f"{name} must {expected}, got {shown(value)}")
+        raise ValueError(f"{name} must {expected}, got {short_repr(value)}")
     return int(value)
 
 
 def indices(
     name: str, value: Iterable[int] | ArrayLike, size: int, *, distinct: bool = True
 ) -> Indices:
-    """Integers of range(size), in the order given; distinct, unless repetition does not matter."""
+    """Check integers of range(size), in the given order; distinct unless `distinct` is False."""
     listed = value if isinstance(value, Sequence | np.ndarray) else _listed(value)
     try:
         raw = np.asarray(None if is_masked(listed) else listed)
@@ -55,70 +62,70 @@ def indices(
     if raw.size == 0 and raw.ndim == 1:
         return np.zeros(0, dtype=np.intp)
     if raw.ndim != 1 or raw.dtype.kind not in "iu":
-        raise ValueError(f"{name} must be a list of integers, got {shown(value)}")
+        raise ValueError(f"{name} must be a list of integers, got {short_repr(value)}")
     if raw.min() < 0 or raw.max() >= size:
-        raise ValueError(f"{name} must lie in 0..{size - 1}, got {shown(raw.tolist())}")
+        raise ValueError(f"{name} must lie in 0..{size - 1}, got {short_repr(raw.tolist())}")
     if distinct and len(set(raw.tolist())) != raw.size:
-        raise ValueError(f"{name} must not repeat an index, got {shown(raw.tolist())}")
+        raise ValueError(f"{name} must not repeat an index, got {short_repr(raw.tolist())}")
     return raw.astype(np.intp)
 
 
 def flag(name: str, value: Any) -> bool:
-    """True or False."""
+    """Check a bool."""
     if not isinstance(value, bool | np.bool_):
-        raise TypeError(f"{name} must be True or False, got {shown(value)}")
+        raise TypeError(f"{name} must be True or False, got {short_repr(value)}")
     return bool(value)
 
 
-def choice(name: str, value: Any, known: Iterable[str]) -> str:
-    """One of these words."""
-    if instance(name, value, str) not in (words := tuple(known)):
-        raise ValueError(f"{name} must be one of {', '.join(words)}, got {shown(value)}")
+def choice(name: str, value: Any, options: Iterable[str]) -> str:
+    """Check that a string is one of the options."""
+    if instance(name, value, str) not in (options := tuple(options)):
+        raise ValueError(f"{name} must be one of {', '.join(options)}, got {short_repr(value)}")
     return value
 
 
 def instance(name: str, value: Any, *kinds: type[_Kind]) -> _Kind:
-    """The thing itself, if it is of one of these classes."""
+    """Check that a value is an instance of one of the classes, and return it."""
     if not isinstance(value, kinds):
         expected = " or ".join(kind.__name__ for kind in kinds)
-        raise TypeError(f"{name} must be a {expected}, got {shown(value)}")
+        raise TypeError(f"{name} must be a {expected}, got {short_repr(value)}")
     return value
 
 
 def members(name: str, value: Iterable[_Kind], *kinds: type[_Kind]) -> tuple[_Kind, ...]:
-    """All things of a list, each of one of these classes; a text is no list."""
-    each: tuple[Any, ...] = (None,) if isinstance(value, str) else _listed(value)
-    if not all(isinstance(one, kinds) for one in each):
+    """Check that a list contains instances of these classes only; a string is not a list."""
+    items: tuple[Any, ...] = (None,) if isinstance(value, str) else _listed(value)
+    if not all(isinstance(item, kinds) for item in items):
         expected = " or ".join(kind.__name__ for kind in kinds)
-        raise TypeError(f"{name} must be a list of {expected}, got {shown(value)}")
-    return each
+        raise TypeError(f"{name} must be a list of {expected}, got {short_repr(value)}")
+    return items
 
 
 def function(name: str, value: Any) -> Any:
-    """The function itself, or whatever can be called."""
+    """Check that a value is callable."""
     if not callable(value):
-        raise TypeError(f"{name} must be a function, got {shown(value)}")
+        raise TypeError(f"{name} must be a function, got {short_repr(value)}")
     return value
 
 
-def attributes(name: str, value: Any, *wanted: str) -> Any:
-    """The thing itself, which has these attributes or methods.
+def attributes(name: str, value: Any, *required: str) -> Any:
+    """Check that an object has the required attributes or methods.
 
-    None that it lists is computed for that.
+    Attributes that `dir` lists are not evaluated.
     """
-    own, kind = getattr(value, "__dict__", ()), type(value)
-    absent = {each for each in wanted if each not in own and not hasattr(kind, each)}
-    if absent:  # the list of all takes longer
-        absent -= set(dir(value))
-    if not all(hasattr(value, each) for each in absent):  # a proxy lists none of its own
-        *most, last = wanted
-        words = f"{', '.join(most)} and {last}" if most else last
-        raise TypeError(f"{name} must have {words}, got {shown(value)}")
+    own_fields, kind = getattr(value, "__dict__", ()), type(value)
+    missing = {field for field in required if field not in own_fields and not hasattr(kind, field)}
+    if missing:  # the list of all takes longer
+        missing -= set(dir(value))
+    if not all(hasattr(value, field) for field in missing):  # dir() of a proxy lists none
+        *most, last = required
+        listed = f"{', '.join(most)} and {last}" if most else last
+        raise TypeError(f"{name} must have {listed}, got {short_repr(value)}")
     return value
 
 
 def _listed(value: Any) -> tuple[Any, ...]:
-    """All things that there are in it; of what is no list, one None."""
+    """Return the items of an iterable as a tuple; (None,) for a value that is not iterable."""
     with suppress(TypeError):
         return tuple(value)
     return (None,)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from argument_checks import shown
+from argument_checks import short_repr
 from fjh.rig.conditions import CODE_LETTERS, failures_of
 from fjh.rig.hexapod.columns import COLUMNS
 from fjh.rig.hexapod.testbed import LIMITS as BENCH_LIMITS
@@ -203,9 +203,9 @@ def _design(content: dict[str, Any]) -> Design:
     _only(content, ("layout", "runs", "duration_s", "vary"))
     layout, runs, vary = map(content.get, ("layout", "runs", "vary"))
     if layout not in ("latin-hypercube", "grid"):
-        raise ValueError(f"layout must be latin-hypercube or grid, got {shown(layout)}")
+        raise ValueError(f"layout must be latin-hypercube or grid, got {short_repr(layout)}")
     if not isinstance(vary, dict) or not vary:
-        raise ValueError(f"[vary] must name at least one quantity, got {shown(vary)}")
+        raise ValueError(f"[vary] must name at least one quantity, got {short_repr(vary)}")
     _only(vary, VARIED, " to vary")
     grid, bench = layout == "grid", TestbedConfig()
     factors = {name: _factor(name, value, grid) for name, value in vary.items()}
@@ -215,12 +215,12 @@ def _design(content: dict[str, Any]) -> Design:
     check_within("duration_s", duration_s, longest_s, bench.duration_s)
     if grid:
         if runs is not None:
-            raise ValueError(f"runs must not be given for a grid, got {shown(runs)}")
+            raise ValueError(f"runs must not be given for a grid, got {short_repr(runs)}")
         runs = prod(len(f) if isinstance(f, list) else f["points"] for f in factors.values())
     elif type(runs) is not int or runs < 1:
-        raise ValueError(f"runs must be a whole number from 1 on, got {shown(runs)}")
+        raise ValueError(f"runs must be a whole number from 1 on, got {short_repr(runs)}")
     if runs > MOST_RUNS:
-        got = f"got {shown(runs)}: their rows are in memory"
+        got = f"got {short_repr(runs)}: their rows are in memory"
         raise ValueError(f"there must be at most {MOST_RUNS} runs, {got}")
     return Design(layout, runs, float(duration_s), factors)
 
@@ -242,7 +242,7 @@ def _factor(name: str, value: Any, grid: bool) -> Factor:
         raise ValueError(f"{name} can have log = true only if it is real and positive")
     if (points is None) == grid or (grid and (type(points) is not int or points < 2)):
         expected = "a number from 2 on in a grid, and none elsewhere"
-        raise ValueError(f"points of {name} must be {expected}, got {shown(points)}")
+        raise ValueError(f"points of {name} must be {expected}, got {short_repr(points)}")
     return {"from": low, "to": high, "log": log} | ({"points": points} if grid else {})
 
 
@@ -258,11 +258,11 @@ def _checked(name: str, value: Any) -> Any:
         expected = f"one of {', '.join(map(json.dumps, CHOICES[name]))}"
         valid = (type(value), value) in [(type(each), each) for each in CHOICES[name]]
     if not valid:
-        raise ValueError(f"{name} must be {expected}, got {shown(value)}")
+        raise ValueError(f"{name} must be {expected}, got {short_repr(value)}")
     return value
 
 
 def _only(table: dict[str, Any], known: tuple[str, ...], where: str = "") -> None:
     if strange := sorted(set(table) - set(known)):
         there = f"there are {', '.join(known)}"
-        raise ValueError(f"there is no {shown(strange[0])}{where}; {there}")
+        raise ValueError(f"there is no {short_repr(strange[0])}{where}; {there}")

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 import argument_checks as check
-from argument_checks import Array, shown
+from argument_checks import Array, short_repr
 from argument_checks.records import changed
 from ftc.control.mapping import Goal
 from ftc.controller import Converter, Measurement, checked_drives
@@ -218,7 +218,7 @@ def _inputs(state: Any, drives: int) -> Array:
     """Return a copy (n,) of the inputs in a controller's state; raise `_Failed` if invalid."""
     inputs = np.array(state.inputs)
     if inputs.dtype.kind not in "fiu":
-        raise _Failed(f"returned {shown(state.inputs)}, expected {drives} numbers")
+        raise _Failed(f"returned {short_repr(state.inputs)}, expected {drives} numbers")
     if inputs.shape != (drives,):
         raise _Failed(f"returned shape {inputs.shape}, expected {(drives,)}")
     for drive, value in enumerate(inputs.tolist(), 1):

@@ -80,7 +80,7 @@ def goal_after(
     check.instance("goal", goal, Goal).of(n)
     check.choice("unused", unused, get_args(Unused))
     if not isinstance(diagnoses, list | tuple):
-        raise TypeError(f"diagnoses must be a list of diagnoses, got {check.shown(diagnoses)}")
+        raise TypeError(f"diagnoses must be a list of diagnoses, got {check.short_repr(diagnoses)}")
     locked_at, effectiveness, free = dict(goal.locked_at), dict(goal.effectiveness), set(goal.free)
     for diagnosis in diagnoses:
         fault = check.instance("diagnoses", diagnosis, Diagnosis).fault

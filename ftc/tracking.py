@@ -371,7 +371,7 @@ def _deviations(noise: ArrayLike, sense: Sense, rows: int, actuators: int) -> tu
     sensors, values = of_task + of_encoders, check.array("noise", noise)
     if values.shape not in ((), (sensors,)) or (values <= 1 / check.LARGEST).any():
         raise ValueError(
-            f"noise must be one positive number or {sensors}, got {check.shown(noise)}"
+            f"noise must be one positive number or {sensors}, got {check.short_repr(noise)}"
         )
     sigma = np.full(sensors, values)
     return sigma[:of_task], sigma[of_task:]

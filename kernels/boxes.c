@@ -1,11 +1,11 @@
-/* Rates from which limits can be kept for ever: one joint after another. */
+/* Rates from which limits can be satisfied forever, one joint after another. */
 #include <math.h>
 
 #include "kernels.h"
 
-/* Part of positions and rates by which limits may be missed and still count as kept. */
+/* Relative violation of positions and rates up to which limits count as satisfied. */
 static const double ROUND_OFF = 1e-12;
-/* As in argument_checks: arrays.py, and ties.py. */
+/* Same as in argument_checks: arrays.py, and ties.py. */
 static const double LARGEST = 1e120, SMALLEST = 1e-120, ACCURACY = 1e-9;
 
 static double larger(double a, double b)
@@ -35,18 +35,19 @@ bool copy_limits(int n, const double *lower, const double *upper, double *limits
     return true;
 }
 
-/* Zero where infinite: another term decides there. */
+/* Replace infinity by zero: another term decides then. */
 static double finite(double number)
 {
     return isinf(number) ? 0.0 : number;
 }
 
-/* The largest rate w of the next tick after which hard braking ends within a distance d.
+/* Return the largest rate w of the next tick after which full braking stops within a distance d.
  *
- * In n ticks the joint moves by T (w + (w - a T) + ... + (w - (n - 1) a T)), most far in
- * n = ceil(w / (a T)) of them, the terms above zero. As the largest over n is to be d,
- * w = min over n of d / (n T) + a T (n - 1) / 2, and the least is where d / (a T^2) lies between
- * n (n - 1) / 2 and n (n + 1) / 2. A negative distance is to be made good in one tick. */
+ * In n ticks the joint moves by T (w + (w - a T) + ... + (w - (n - 1) a T)), farthest for n =
+ * ceil(w / (a T)), the positive terms. For a maximum over n of d, w = min over n of d / (n T) + a T
+ * (n - 1) / 2, and the least one has d / (a T^2) between n (n - 1) / 2 and n (n + 1) / 2. A
+ * negative distance must be corrected in one tick.
+ */
 static double stoppable(double distance, double braking, double T)
 {
     if (isinf(distance))
@@ -64,13 +65,13 @@ static double clip(double number, double least, double most)
 
 bool exceeds(double value, double bound, double zero)
 {
-    double room = larger(ACCURACY * finite(larger(fabs(value), fabs(bound))), zero);
-    return value > bound && !(value - bound <= room);
+    double work = larger(ACCURACY * finite(larger(fabs(value), fabs(bound))), zero);
+    return value > bound && !(value - bound <= work);
 }
 
-bool viable_box(int n, const double *given, double T, double *lower, double *upper, bool *viable)
+bool viable_box(int n, const double *inputs, double T, double *lower, double *upper, bool *viable)
 {
-    const double *x = given, *v = x + n, *x_min = v + n, *x_max = x_min + n, *v_min = x_max + n;
+    const double *x = inputs, *v = x + n, *x_min = v + n, *x_max = x_min + n, *v_min = x_max + n;
     const double *v_max = v_min + n, *a_min = v_max + n, *a_max = a_min + n;
     for (int k = 0; k < n; k++) {
         if (!(fabs(x[k]) < LARGEST && fabs(v[k]) < LARGEST && are_limits(x_min[k], x_max[k])
@@ -86,14 +87,15 @@ bool viable_box(int n, const double *given, double T, double *lower, double *upp
         double lack = larger(larger(slowest, v_min[k]), least);
         lack -= smaller(smaller(fastest, v_max[k]), most);
         viable[k] = lack <= ROUND_OFF * (size / T + fabs(v[k]));
-        /* Beyond a limit, the return must not be so fast that the other one cannot be kept. */
+        /* Beyond a limit, the return must be slow enough to respect the other limit. */
         if (x[k] > x_max[k])
             most = larger(most, least);
         if (x[k] < x_min[k])
             least = smaller(least, most);
         double slow = clip(v_min[k], slowest, fastest), fast = clip(v_max[k], slowest, fastest);
         double low = clip(least, slow, fast), high = clip(most, slow, fast);
-        /* Where braking just suffices, one rate is left: round-off would make a direction of it. */
+        /* If braking just suffices, a single rate remains: round-off must not turn it into an
+         * interval. */
         lower[k] = low;
         upper[k] = exceeds(high, low, ACCURACY * fabs(v[k])) ? high : low;
     }

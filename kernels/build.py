@@ -1,7 +1,7 @@
-"""Compile the C sources of this folder to a shared library.
+"""Compile the C sources of this folder into a shared library.
 
-The installation calls this, also `--editable`, and so does `make`. Needs no package: `cc` compiles,
-or else the compiler of the package `ziglang`.
+The installation (also `--editable`) and `make` call this. It needs no package: `cc` compiles, or
+the compiler of the package `ziglang`.
 """
 
 import hashlib
@@ -15,8 +15,8 @@ from pathlib import Path
 
 FOLDER = Path(__file__).parent
 LIBRARY = FOLDER / ("_kernels.dll" if os.name == "nt" else "_kernels.so")
-# The same bits on every processor of a family: no fused multiply-add, no instructions that some
-# lack. Without errno a square root is one instruction.
+# Bit-identical results on every processor of a family: no fused multiply-add and no optional
+# instructions. Without errno a square root is one instruction.
 FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared")
 SANITIZED = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=undefined")
 _MISSING = (
@@ -26,17 +26,17 @@ _MISSING = (
 
 
 class BuildError(RuntimeError):
-    """The kernels cannot be compiled; the message is one sentence."""
+    """Error of compiling the kernels; the message is one sentence."""
 
 
 def digest() -> str:
-    """Digest of the sources, which a library built from them contains."""
+    """Return the digest of the sources, which a library built from them contains."""
     text = b"".join(file.read_bytes() for file in sorted(FOLDER.glob("*.[ch]")))
     return hashlib.sha256(text).hexdigest()[:16]
 
 
 def compiler() -> list[str] | None:
-    """The command of a C compiler on this machine; None if there is none."""
+    """Return the command of a C compiler on this machine; None if there is none."""
     for name in filter(None, (os.environ.get("CC"), "cc", "gcc", "clang")):
         if shutil.which(name):
             return [name]
@@ -53,16 +53,17 @@ def build(library: Path = LIBRARY, flags: Sequence[str] = ()) -> None:
     if command is None:
         raise BuildError(_MISSING)
     library.parent.mkdir(parents=True, exist_ok=True)
-    # Moved to its place when complete: another process may be loading the old one.
-    made = library.with_name(f"{os.getpid()}{library.name}")
+    # Renamed when complete, because another process may be loading the old one.
+    temporary = library.with_name(f"{os.getpid()}{library.name}")
     sources = sorted(map(str, FOLDER.glob("*.c")))
-    wanted = [*FLAGS, *flags, f'-DKERNELS_DIGEST="{digest()}"', "-o", str(made), *sources, "-lm"]
-    done = subprocess.run([*command, *wanted], capture_output=True, text=True)
-    if done.returncode:
-        made.unlink(missing_ok=True)
-        said = " ".join(done.stderr.split()) or f"exit code {done.returncode}"
-        raise BuildError(f"{' '.join(command)} cannot compile the kernels of fjh: {said}")
-    made.replace(library)
+    define = f'-DKERNELS_DIGEST="{digest()}"'
+    arguments = [*FLAGS, *flags, define, "-o", str(temporary), *sources, "-lm"]
+    completed = subprocess.run([*command, *arguments], capture_output=True, text=True)
+    if completed.returncode:
+        temporary.unlink(missing_ok=True)
+        message = " ".join(completed.stderr.split()) or f"exit code {completed.returncode}"
+        raise BuildError(f"{' '.join(command)} cannot compile the kernels of fjh: {message}")
+    temporary.replace(library)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 
 #include "kernels.h"
 
-/* The sum of the squares of so many numbers. */
+/* Return the sum of squares of some numbers. */
 static double sum_of_squares(const double *numbers, int count)
 {
     double total = 0.0;
@@ -20,12 +20,13 @@ static void transpose(const double *matrix, int k, double *out)
             out[j * k + i] = matrix[i * k + j];
 }
 
-/* Make upper (k, k), the transpose of a root, that of `spread_root`, in place.
+/* Overwrite upper (k, k), the transpose of a root, by that of spread_root.
  *
- * Column by column one reflection takes all steps into the diagonal. Room for k (k + 2) numbers. */
-static void spread(const double *deviations, int k, double *room, double *upper)
+ * Column by column one reflection moves all deviations into the diagonal. Workspace: k (k + 2).
+ */
+static void spread(const double *deviations, int k, double *work, double *upper)
 {
-    double *steps = room, *unit = steps + k * k, *along = unit + k;
+    double *steps = work, *unit = steps + k * k, *along = unit + k;
     memset(steps, 0, k * k * sizeof *steps);
     for (int j = 0; j < k; j++) {
         steps[j * k + j] = deviations[j];
@@ -54,19 +55,20 @@ static void spread(const double *deviations, int k, double *room, double *upper)
     }
 }
 
-void spread_root(const double *root, const double *deviations, int k, double *room, double *after)
+void spread_root(const double *root, const double *deviations, int k, double *work, double *after)
 {
-    double *upper = room + k * (k + 2);
+    double *upper = work + k * (k + 2);
     transpose(root, k, upper);
-    spread(deviations, k, room, upper);
+    spread(deviations, k, work, upper);
     transpose(upper, k, after);
 }
 
-/* Errors (p), mean (k) and the transposed root (k, k) after whitened residuals, in place.
+/* Update errors (p), mean (k) and the transposed root (k, k) by whitened residuals, in place.
  *
  * One output after another, each by rotations of [1, g' root; 0, root] into [deviation of its
- * error, 0; gain, root after it]. Errors are in standard deviations, which grow with the
- * regressors (k, p) and with the covariance. */
+ * error, 0; gain, updated root]. Errors are in standard deviations, which grow with the regressors
+ * (k, p) and with the covariance.
+ */
 static void measure(const double *white, const double *regressors, int k, int p, double *gain,
                     double *mean, double *upper, double *errors)
 {
@@ -96,10 +98,10 @@ static void measure(const double *white, const double *regressors, int k, int p,
 
 bool correct(int q, int J, int p, const watched *before, const double *predicted, const double *y,
              const double *whitening, const double *drift, double rate, double largest,
-             bool learns, double *room, const watched *after, double *residual)
+             bool learns, double *work, const watched *after, double *residual)
 {
     int k = J + p, n = (1 + J) * p;
-    double *upper = room + k * (k + 2), *regressors = upper + k * k, *white = regressors + k * p;
+    double *upper = work + k * (k + 2), *regressors = upper + k * k, *white = regressors + k * p;
     double *newest = after->memory + (q - 1) * n;
     memcpy(after->memory, before->memory + n, (q - 1) * n * sizeof *newest);
     memcpy(newest, predicted, n * sizeof *newest);
@@ -119,10 +121,10 @@ bool correct(int q, int J, int p, const watched *before, const double *predicted
     }
     memcpy(after->mean, before->mean, k * sizeof *after->mean);
     transpose(before->root, k, upper);
-    measure(white, regressors, k, p, room, after->mean, upper, residual);
+    measure(white, regressors, k, p, work, after->mean, upper, residual);
     if (!learns || sum_of_squares(residual, p) > largest)
         return false;
-    spread(drift, k, room, upper);
+    spread(drift, k, work, upper);
     transpose(upper, k, after->root);
     double *left = after->recent + (q - 1) * p;
     memcpy(after->recent, before->recent + p, (q - 1) * p * sizeof *left);
@@ -157,21 +159,21 @@ void predict(const double *covariance, int q, double *weights)
 }
 
 int alarming(int M, int p, const double *recent, const double *swing, int shortest,
-             double threshold, double demodulated_threshold, double *room)
+             double threshold, double demodulated_threshold, double *work)
 {
-    double *turned = room + p;
+    double *turned = work + p;
     int window = 1;
-    memset(room, 0, 3 * p * sizeof *room);
+    memset(work, 0, 3 * p * sizeof *work);
     for (int k = 0; k < M; k++) {
         for (int i = 0; i < p; i++) {
             double newest = recent[(M - 1 - k) * p + i];
-            room[i] += newest;
+            work[i] += newest;
             for (int phase = 0; swing && phase < 2; phase++)
                 turned[phase * p + i] += swing[2 * k + phase] * newest;
         }
         if (k + 1 < window)
             continue;
-        if (sum_of_squares(room, p) > threshold * window)
+        if (sum_of_squares(work, p) > threshold * window)
             return window;
         /* The mean square of a sinusoid is one half. */
         if (window >= shortest

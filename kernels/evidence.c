@@ -5,9 +5,10 @@
 #include "kernels.h"
 #include "numerics.h"
 
-/* Add columns, `stride` numbers apart, each times one of x, to `out`.
+/* Add columns, `stride` numbers apart, each times one entry of x, to `out`.
  *
- * Four at a time, for the sums are many and short. */
+ * Four at a time, because the sums are many and short.
+ */
 INLINED
 void add_columns(const double *columns, int count, int stride, int64_t length,
                  const double *x, double *restrict out)
@@ -24,7 +25,7 @@ void add_columns(const double *columns, int count, int stride, int64_t length,
             out[i] += columns[i] * x[j];
 }
 
-/* The same of columns one after another, where they are not zero: within their spans. */
+/* Add contiguous columns times entries of x within their non-zero spans. */
 INLINED
 void add_spans(const double *columns, int count, int stride, const int64_t *spans,
                const double *x, double *out)
@@ -43,18 +44,18 @@ void add_spans(const double *columns, int count, int stride, const int64_t *span
 WIDE
 void advance_models(int H, int K, int rows, int s, int p, int r, const bool *steps,
                     const double *alone, const double *driven, const int64_t *spans,
-                    const double *v, const double *age, double *room, double *X, double *outputs)
+                    const double *v, const double *age, double *work, double *X, double *outputs)
 {
     int w = p + s, n = rows * w;
-    double *given = room, *out = given + n;
+    double *input = work, *out = input + n;
     for (int h = 0; h < H; h++, alone += s * w, driven += (s + r) * n, spans += (s + r) * 2) {
-        memset(given, 0, n * sizeof *given);
-        add_spans(driven + s * n, r, n, spans + 2 * s, v, given);
+        memset(input, 0, n * sizeof *input);
+        add_spans(driven + s * n, r, n, spans + 2 * s, v, input);
         for (int k = 0; k < K; k++) {
             double *states = X + (h * K + k) * rows * s, *seen = outputs + (h * K + k) * rows * p;
             if (!steps[h * K + k])
                 continue;
-            memcpy(out, given, n * sizeof *out);
+            memcpy(out, input, n * sizeof *out);
             add_spans(driven, s, n, spans, states, out);
             for (int i = n - w; i < n; i++)
                 out[i] *= age[k];
@@ -68,7 +69,7 @@ void advance_models(int H, int K, int rows, int s, int p, int r, const bool *ste
     }
 }
 
-/* Of all evidence that at a place of so many numbers of memory, sums and parameters. */
+/* Return the evidence at one place, given the sizes of memory, sums and parameters. */
 static evidence at(const evidence *all, int place, int memory, int sums, int R)
 {
     return (evidence){all->memory + place * memory, all->information + place * sums,
@@ -79,12 +80,12 @@ WIDE
 void weigh_sample(int H, int K, int J, int p, int q, const bool *steps, const bool *begins,
                   bool weighs, const evidence *before, const double *outputs,
                   const double *slopes, const double *y, const double *mean,
-                  const double *weights, double *room, const evidence *after)
+                  const double *weights, double *work, const evidence *after)
 {
     int rows = 4 + J, n = (rows + 1) * p, R = J + p + 4, sums = R * (R + 1) / 2;
-    double *white = room, *regressors = white + n, *offsets = regressors + p * R;
+    double *white = work, *regressors = white + n, *offsets = regressors + p * R;
     double *own = offsets + 2 * p;
-    memset(regressors, 0, (p * R + 2 * p) * sizeof *room);
+    memset(regressors, 0, (p * R + 2 * p) * sizeof *work);
     for (int row = 0; row < 2 * q; row++)
         for (int i = 0; i < p; i++)
             offsets[row / q * p + i] += weights[row * n + i];
@@ -92,17 +93,17 @@ void weigh_sample(int H, int K, int J, int p, int q, const bool *steps, const bo
         int h = place / K, k = place % K, last = h == H - 1;
         bool first = steps[place] && begins[k] && 0 < h && !last;
         evidence old = at(before, first ? 0 : place, q * n, sums, R);
-        evidence now = at(after, place, q * n, sums, R);
-        double *newest = now.memory + (q - 1) * n;
+        evidence updated = at(after, place, q * n, sums, R);
+        double *newest = updated.memory + (q - 1) * n;
         const double *output = outputs + place * rows * p;
         if (steps[place])
-            memmove(now.memory, old.memory + n, (q - 1) * n * sizeof *newest);
-        else if (now.memory != old.memory)
-            memcpy(now.memory, old.memory, q * n * sizeof *newest);
+            memmove(updated.memory, old.memory + n, (q - 1) * n * sizeof *newest);
+        else if (updated.memory != old.memory)
+            memcpy(updated.memory, old.memory, q * n * sizeof *newest);
         if (!steps[place] || !weighs) {
-            memmove(now.information, old.information, sums * sizeof *newest);
-            memmove(now.score, old.score, R * sizeof *newest);
-            *now.energy = *old.energy;
+            memmove(updated.information, old.information, sums * sizeof *newest);
+            memmove(updated.score, old.score, R * sizeof *newest);
+            *updated.energy = *old.energy;
         }
         if (!steps[place])
             continue;
@@ -119,7 +120,7 @@ void weigh_sample(int H, int K, int J, int p, int q, const bool *steps, const bo
         memset(white, 0, n * sizeof *white);
         for (int j = 0; j < q * n; j += n)
             for (int i = 0; i < n; i++)
-                white[i] += weights[last * q * n + j + i] * now.memory[j + i];
+                white[i] += weights[last * q * n + j + i] * updated.memory[j + i];
         double energy = *old.energy;
         for (int i = 0; i < p; i++) {
             energy += white[i] * white[i];
@@ -127,32 +128,32 @@ void weigh_sample(int H, int K, int J, int p, int q, const bool *steps, const bo
             for (int row = 0; row < J + 4; row++)
                 regressors[i * R + (row < J ? row : p + row)] = white[(1 + row) * p + i];
         }
-        *now.energy = energy;
+        *updated.energy = energy;
         for (int row = 0; row < R; row++) {
-            double total = old.score[row], *sum = now.information + row * (row + 1) / 2;
+            double total = old.score[row], *sum = updated.information + row * (row + 1) / 2;
             for (int i = 0; i < p; i++) {
                 own[i] = regressors[i * R + row];
                 total += own[i] * white[i];
             }
             memmove(sum, old.information + row * (row + 1) / 2, (row + 1) * sizeof *sum);
-            int only = row - J; /* the zero of a sensor is in one output */
+            int only = row - J; /* the offset of a sensor affects one output */
             if (0 <= only && only < p)
                 add_columns(regressors + only * R, 1, R, row + 1, own + only, sum);
             else
                 add_columns(regressors, p, R, row + 1, own, sum);
-            now.score[row] = total;
+            updated.score[row] = total;
         }
     }
 }
 
 WIDE
 void integrate_out(int count, int R, const double *information, const double *spread,
-                   double *room, double *solved, double *log_det)
+                   double *work, double *solved, double *log_det)
 {
-    /* By rows of the transposed root. */
-    double *product = room, *root = product + R * R, *x = root + R * R;
+    /* Computed by rows of the transposed root. */
+    double *product = work, *root = product + R * R, *x = root + R * R;
     for (; count > 0; count--, information += R * (R + 1) / 2, solved += R * 3, log_det++) {
-        memset(room, 0, 2 * R * R * sizeof *room);
+        memset(work, 0, 2 * R * R * sizeof *work);
         *log_det = 0.0;
         for (int row = 0; row < R; row++) {
             for (int b = 0; b < R; b++)

@@ -3,7 +3,7 @@
 
 #include "kernels.h"
 
-/* Most sweeps of a step, and the change of a force, of its limit, at which they end. */
+/* Largest number of sweeps of a step, and the relative change of a force at which they end. */
 enum { SWEEPS = 1000 };
 static const double CHANGE = 1e-11;
 
@@ -18,7 +18,7 @@ static void product(const double *A, int rows, int columns, const double *x, dou
     }
 }
 
-/* Change forces f (r) to those that are most likely to hold against c (r), by Gauss-Seidel. */
+/* Update forces f (r) to those that balance c (r) within their limits, by Gauss-Seidel. */
 static void hold(const rubbing *of, const double *c, double *f)
 {
     for (int sweep = 0; sweep < SWEEPS; sweep++) {
@@ -40,11 +40,11 @@ static void hold(const rubbing *of, const double *c, double *f)
     }
 }
 
-/* Move x (s) by a step, in place; `driven` is B u and `pulled` D u, the room r + s numbers. */
+/* Advance x (s) by a step, in place; `driven` is B u and `pulled` D u. Workspace: r + s. */
 static void rub(const rubbing *of, const double *driven, const double *pulled, double *x,
-                 double *f, double *room)
+                 double *f, double *work)
 {
-    double *c = room, *after = c + of->r;
+    double *c = work, *after = c + of->r;
     product(of->E, of->r, of->s, x, c);
     for (int i = 0; i < of->r; i++)
         c[i] += pulled[i];
@@ -58,10 +58,10 @@ static void rub(const rubbing *of, const double *driven, const double *pulled, d
     }
 }
 
-void slide(const rubbing *of, int states, const double *U, double *room, double *X)
+void slide(const rubbing *of, int states, const double *U, double *work, double *X)
 {
     int s = of->s, r = of->r;
-    double *driven = room, *pulled = driven + s, *f = pulled + r, *left = f + r;
+    double *driven = work, *pulled = driven + s, *f = pulled + r, *left = f + r;
     for (int k = 0; k < states; k++) {
         const double *u = U + k * (of->n + 1);
         product(of->B, s, of->n + 1, u, driven);
@@ -72,18 +72,20 @@ void slide(const rubbing *of, int states, const double *U, double *room, double 
     }
 }
 
-/* Write how the state after a step depends on that before it, (s, s), where places (r) are held.
+/* Write the derivative of the state after a step by that before it, (s, s), with contacts (r) stuck
+ * or at their limits.
  *
- * The others, at their limit, pull as hard as before. M (r, r) and pull (r, s) are room. */
-static void write_slopes(const rubbing *of, const bool *held, double *M, double *pull,
+ * Forces at their limits remain constant. M (r, r) and pull (r, s) are workspace.
+ */
+static void write_slopes(const rubbing *of, const bool *stuck, double *M, double *pull,
                          double *slopes)
 {
     int s = of->s, r = of->r;
     for (int i = 0; i < r; i++) {
         for (int j = 0; j < r; j++)
-            M[i * r + j] = held[i] ? of->K[i * r + j] : i == j;
+            M[i * r + j] = stuck[i] ? of->K[i * r + j] : i == j;
         for (int j = 0; j < s; j++)
-            pull[i * s + j] = held[i] ? -of->E[i * s + j] : 0.0;
+            pull[i * s + j] = stuck[i] ? -of->E[i * s + j] : 0.0;
     }
     for (int k = 0; k < r; k++)
         for (int i = 0; i < r; i++) { /* K is positive definite: no pivot is small */
@@ -110,7 +112,7 @@ static void multiply(const double *A, const double *W, int s, double *out)
                 out[i * s + j] += A[i * s + k] * W[k * s + j];
 }
 
-/* One of several models. */
+/* Return one of several models. */
 static rubbing model(const rubbing *of, int h)
 {
     rubbing one = *of;
@@ -133,10 +135,10 @@ int sliding_room(const rubbing *of, int ticks)
 
 void slide_samples(const rubbing *all, int H, int N, int rows, const bool *steps,
                    const double *before, const double *v, const double *lifted, int ticks,
-                   int first, double spread, bool *held, double *room, double *X, double *outputs)
+                   int first, double spread, bool *stuck, double *work, double *X, double *outputs)
 {
     int s = all->s, r = all->r, p = all->p, n = all->n, varied = spread > 0.0 ? r : 0;
-    double *u = room, *x = u + n + 1, *mean = x + s, *driven = mean + s, *pulled = driven + s;
+    double *u = work, *x = u + n + 1, *mean = x + s, *driven = mean + s, *pulled = driven + s;
     double *f = pulled + r, *other = f + r, *left = other + r, *seen = left + r + s;
     double *W = seen + p, *slopes = W + s * s, *after = slopes + s * s;
     double *M = after + s * s, *pull = M + r * r, *forces = pull + r * s;
@@ -147,12 +149,12 @@ void slide_samples(const rubbing *all, int H, int N, int rows, const bool *steps
         weaker.limit = other;
         product(of.B, s, n + 1, u, driven);
         product(of.D, r, n + 1, u, pulled);
-        memset(held, 0, r * sizeof *held);
+        memset(stuck, 0, r * sizeof *stuck);
         memcpy(slopes, of.A, s * s * sizeof *slopes);
         for (int k = 0; k < N; k++) {
             int at = (h * N + k) * rows;
             const double *start = before + at * s;
-            double *now = X + at * s, *out = outputs + at * p;
+            double *new = X + at * s, *out = outputs + at * p;
             if (!steps[h * N + k])
                 continue;
             memcpy(x, start, s * sizeof *x);
@@ -168,20 +170,20 @@ void slide_samples(const rubbing *all, int H, int N, int rows, const bool *steps
                 bool same = true;
                 for (int i = 0; i < r; i++) {
                     bool holds = fabs(f[i]) < of.limit[i];
-                    same &= holds == held[i];
-                    held[i] = holds;
+                    same &= holds == stuck[i];
+                    stuck[i] = holds;
                 }
-                if (!same) /* from one onset, and one step, to the next it seldom changes */
-                    write_slopes(&of, held, M, pull, slopes);
+                if (!same) /* it seldom changes between onsets and steps */
+                    write_slopes(&of, stuck, M, pull, slopes);
                 multiply(slopes, W, s, after);
                 memcpy(W, after, s * s * sizeof *W);
             }
-            memcpy(now, x, s * sizeof *x);
+            memcpy(new, x, s * sizeof *x);
             product(of.C, p, s, mean, out);
             for (int row = 1; row < rows; row++)
                 for (int i = 0; (row < first || row >= first + varied) && i < s; i++)
                     for (int j = 0; j < s; j++)
-                        now[row * s + i] += (W[i * s + j] - lifted[i * s + j]) * start[row * s + j];
+                        new[row * s + i] += (W[i * s + j] - lifted[i * s + j]) * start[row * s + j];
             for (int j = 0; j < varied; j++) {
                 int row = first + j;
                 memcpy(other, of.limit, r * sizeof *other);
@@ -192,11 +194,11 @@ void slide_samples(const rubbing *all, int H, int N, int rows, const bool *steps
                 for (int step = 0; step < ticks * of.steps_a_tick; step++) {
                     for (int i = 0; step % of.steps_a_tick == 0 && i < s; i++)
                         mean[i] += x[i] / ticks;
-                    memcpy(f, forces + step * r, r * sizeof *f); /* near those looked for */
+                    memcpy(f, forces + step * r, r * sizeof *f); /* a good initial guess */
                     rub(&weaker, driven, pulled, x, f, left);
                 }
                 for (int i = 0; i < s; i++)
-                    now[row * s + i] = now[i] - x[i];
+                    new[row * s + i] = new[i] - x[i];
                 product(of.C, p, s, mean, seen);
                 for (int i = 0; i < p; i++)
                     out[row * p + i] = out[i] - seen[i];

@@ -1,26 +1,26 @@
 /* Lexicographic least squares under bounds: a primal active-set method, level by level.
  *
  * Unknowns are x = V y, V a product of reflections. Each level determines the coordinates y that
- * its rows see of what the levels before it leave, and the reflections that make it so are kept:
- * what is left to later levels are the coordinates that come after (Escande, Mansard, Wieber, IJRR
- * 33(7), 2014, with bounds alone). The rank of a level is decided once: by the certificate of its
- * triangle, or where that is in doubt by the singular values of its rows.
+ * its rows affect in the null space of the previous levels, and the reflections that achieve this
+ * are stored: the following coordinates are the null space for later levels (Escande, Mansard,
+ * Wieber, IJRR 33(7), 2014, with bounds alone). The rank of a level is decided once: by the
+ * certificate of its triangle, or where that is inconclusive by the singular values of its rows.
  */
 #include <math.h>
 #include <string.h>
 #include "kernels.h"
 #include "numerics.h"
 
-/* Rows of this size are zero at any scale: products with their inverse may overflow. */
+/* Rows up to this size are zero at any scale: products with their inverse may overflow. */
 static const double NOTHING = 1e-150;
-/* Sizes of numbers that the argument checks let pass, as in argument_checks/arrays.py. */
+/* Magnitudes of numbers that the argument checks accept, as in argument_checks/arrays.py. */
 static const double LARGEST = 1e120, SMALLEST = 1e-120;
 
 enum { PASSES = 3, DEGENERATE = 3, SWEEPS = 40 };
 
-/* One problem, as `lexicographic_problem` says. */
+/* One problem of a lexicographic_problem. */
 typedef struct {
-    int levels, damped; /* the first so many are the caller's, each with a damping and a rank */
+    int levels, damped; /* all levels; the caller's, with damping and rank */
     bool beside;
     double tolerance;
     const int32_t *ends;
@@ -31,29 +31,29 @@ typedef struct {
 typedef struct {
     int n;              /* unknowns */
     int fixed;          /* coordinates that are determined */
-    int turned;         /* reflections that made them: not those of a norm beside a level */
+    int turned;         /* reflections that determine them: not those of a norm within a level */
     double least;       /* singular values of a level up to this one are zero */
-    double slow, fast;  /* unknowns are measured in parts of weights of at least and most this */
-    bool doubt;         /* whether these hide a rank */
-    double blur;        /* angle by which what counts as zero may turn what levels leave */
-    double *gap;        /* smallest factor by which a decision is clear: see `gaps` */
-    double gaps[2];     /* of the levels without bounds, and beside active ones */
-    double from;        /* size of what the level's rows lack is computed from */
+    double slow, fast;  /* range of weights by which unknowns are scaled */
+    bool doubt;         /* whether these hide a rank deficiency */
+    double blur;        /* angle by which neglected values may rotate the null space */
+    double *gap;        /* smallest gap of a rank decision: see `gaps` */
+    double gaps[2];     /* of the levels without bounds, and with active ones */
+    double from;        /* size of the terms of the level's residual */
     int32_t *rank;      /* of the level without bounds, or none */
-    int steps, most;    /* of the active set, and how many there may be */
+    int steps, most;    /* of the active set, and their bound */
     double *V, *beta;   /* reflection t acts on coordinates from t on: row t of (n, n), and (n,) */
-    double *M, *r;      /* a level's rows (k, n) and what they lack (k,) */
-    double *copy, *lack, *squares; /* the same again, and squares of its rows, (k,) */
-    bool is_norm;       /* whether K is the identity, and not there */
+    double *M, *r;      /* a level's rows (k, n) and their residual (k,) */
+    double *copy, *lack, *squares; /* copies, and squares of the rows, (k,) */
+    bool is_norm;       /* whether K is the identity, which is not stored */
     double *K, *c, *t;  /* the level is |K t - c|, with (q, q) and (q,), at the present t */
-    int k;              /* active bounds that are independent */
-    double *Z, *Z_beta; /* reflections that begin with those of active bounds, (n, n) and (n,) */
+    int k;              /* number of independent active bounds */
+    double *Z, *Z_beta; /* reflections, those of active bounds first, (n, n) and (n,) */
     double *L;          /* the triangle of active bounds, (n, n) */
     double *P;          /* K after these reflections, (q, n) */
     double *lambda;     /* multipliers, (n,) */
     double *step, *move, *size, *none; /* (n,) */
     int32_t *active;    /* unknowns whose bounds are active, in the order of their rows, (n,) */
-    int8_t *held;       /* unknowns whose bounds hold from now on, (n,) */
+    int8_t *fixed_at;       /* unknowns whose bounds are fixed for later levels, (n,) */
 } work_t;
 
 static void swap_rows(double *a, double *b, int n)
@@ -72,14 +72,14 @@ static void reflect(const double *V, const double *beta, int n, int first, int l
         add(x + t, -beta[t] * dot(V + t * n + t, x + t, n - t), V + t * n + t, n - t);
 }
 
-/* Apply them in the opposite order. */
+/* Apply reflections in the opposite order. */
 static void reflect_back(const double *V, const double *beta, int n, int first, int last, double *x)
 {
     for (int t = last - 1; t >= first; t--)
         add(x + t, -beta[t] * dot(V + t * n + t, x + t, n - t), V + t * n + t, n - t);
 }
 
-/* Make the reflection that leaves of a row, from column c on, its diagonal alone; returns that. */
+/* Compute the reflection that zeroes a row right of column c; returns the diagonal. */
 static double reflection(double *row, int n, int c, double *V, double *beta)
 {
     double *v = V + c * n, norm = sqrt(dot(row + c, row + c, n - c));
@@ -92,11 +92,12 @@ static double reflection(double *row, int n, int c, double *V, double *beta)
     return diagonal;
 }
 
-/* Reduce rows of M (k, n) to a lower triangle from column `first` on, by reflections from the right.
+/* Reduce rows of M (k, n) to a lower triangle from column `first` on, by reflections from the
+ * right.
  *
- * The longest remainder is next, until none is longer than `least`; r (k,), if there is one, is
- * permuted with the rows; `squares` (k,) is room. Returns the rank; `left` is the norm of what
- * remains.
+ * The longest remaining row is next, until none is longer than `least`; r (k,), if there is one, is
+ * permuted with the rows; `squares` (k,) is workspace. Returns the rank; `left` is the norm of the
+ * remainder.
  */
 static int triangle(double *M, int k, int n, int first, double least, double *V, double *beta,
                     double *r, double *squares, double *left)
@@ -126,19 +127,20 @@ static int triangle(double *M, int k, int n, int first, double least, double *V,
             double *other = M + i * n, before = squares[i];
             add(other + c, -beta[c] * dot(V + c * n + c, other + c, n - c), V + c * n + c, n - c);
             squares[i] -= other[c] * other[c];
-            if (!(squares[i] > CANCELLED * before)) /* else digits are lost */
+            if (!(squares[i] > CANCELLED * before)) /* otherwise cancellation */
                 squares[i] = dot(other + c + 1, other + c + 1, n - c - 1);
         }
     }
     for (int i = rank; i < k && first + rank < n; i++) {
-        const double *rest = M + i * n + first + rank;
-        *left += dot(rest, rest, n - first - rank);
+        const double *remainder = M + i * n + first + rank;
+        *left += dot(remainder, remainder, n - first - rank);
     }
     *left = sqrt(*left);
     return rank;
 }
 
-/* Frobenius norm of the inverse of the triangle in M's first rows; `column` is room. */
+/* Return the Frobenius norm of the inverse of the triangle in M's first rows; `column` is
+ * workspace. */
 static double inverse_norm(const double *M, int n, int first, int rank, double *column)
 {
     double total = 0.0;
@@ -151,7 +153,7 @@ static double inverse_norm(const double *M, int n, int first, int rank, double *
     return sqrt(total);
 }
 
-/* Make rows of M (k, n) orthogonal from column `first` on, by rotations from the left, of r, too.
+/* Make rows of M (k, n) orthogonal from column `first` on, by rotations from the left, also of r.
  *
  * Their norms are then the singular values (Hestenes, J. SIAM 6(1), 1958), the largest first.
  */
@@ -192,9 +194,10 @@ static void singular_rows(double *M, int k, int n, int first, double *r)
 
 /* Decide the rank of M's rows (k, n) from column `first` on, and reduce them to a triangle.
  *
- * The pivots of the triangle prove a rank q if they bound the q-th singular value from below and
- * what is left bounds the next one from above. Where they do not, singular values decide, and rows
- * that do not count are cleared. What counts as zero may have turned the rest by an angle `turned`.
+ * The pivots of the triangle certify a rank q if they bound the q-th singular value from below and
+ * the norm of the remainder bounds the next one from above. Otherwise the singular values decide,
+ * and rows of zero ones are cleared. Neglected values may have rotated the null space by an angle
+ * `turned`.
  */
 static int decide(work_t *w, double *M, int k, int first, double *V, double *beta, double *r,
                   double *turned)
@@ -233,7 +236,7 @@ static int decide(work_t *w, double *M, int k, int first, double *V, double *bet
     return rank;
 }
 
-/* Turn |L t - r|, L the first q columns of M's k rows from `first` on, into |K t - c|, square.
+/* Transform |L t - r|, L the first q columns of M's k rows from `first` on, to |K t - c|, square.
  *
  * L is lower trapezoidal; K, (q, q), lower triangular if there are no more rows, else upper.
  */
@@ -275,7 +278,7 @@ static void solve_triangle(const double *K, int q, bool is_upper, const double *
     }
 }
 
-/* Write how an unknown depends on the coordinates, row j of V. */
+/* Write the derivative of an unknown by the coordinates, row j of V. */
 static void row_of(const work_t *w, int j, double *row)
 {
     memset(row, 0, (size_t)w->n * sizeof *row);
@@ -283,7 +286,7 @@ static void row_of(const work_t *w, int j, double *row)
     reflect(w->V, w->beta, w->n, 0, w->turned, row);
 }
 
-/* Fix what moves these bounds, rows of V in M (k, n): their coordinates come next in y. */
+/* Fix the coordinates on which these bounds depend, rows of V in M (k, n): they come next in y. */
 static void hold(work_t *w, int k)
 {
     double left;
@@ -293,7 +296,7 @@ static void hold(work_t *w, int k)
     w->turned += rank;
 }
 
-/* Let no step move the bound of an unknown, if it depends on the active ones it does not anyway. */
+/* Activate the bound of an unknown, unless it depends on the active ones. */
 static void activate(work_t *w, int q, int j)
 {
     int n = w->n, c = w->fixed + w->k;
@@ -310,7 +313,7 @@ static void activate(work_t *w, int q, int j)
         reflect(w->Z, w->Z_beta, n, c, c + 1, w->P + i * n);
 }
 
-/* Activate all bounds that x is at, of which the first k stay as they are. */
+/* Activate all bounds that x is at; the first k are active already. */
 static void activate_all(work_t *w, int q, const int8_t *state, int k)
 {
     int n = w->n, f = w->fixed;
@@ -325,13 +328,13 @@ static void activate_all(work_t *w, int q, const int8_t *state, int k)
         bool is_there = false;
         for (int i = 0; i < k; i++)
             is_there = is_there || w->active[i] == j;
-        if (state[j] && !w->held[j] && !is_there)
+        if (state[j] && !w->fixed_at[j] && !is_there)
             activate(w, q, j);
     }
 }
 
-/* Write what the level lacks at t, c - K t, to r; returns the size of what it is computed from. */
-static double lacking(work_t *w, int q, double *r)
+/* Write the residual of the level at t, c - K t, to r; returns the size of its terms. */
+static double residual_at(work_t *w, int q, double *r)
 {
     double size = 0.0;
     for (int i = 0; i < q; i++) {
@@ -347,12 +350,12 @@ static double lacking(work_t *w, int q, double *r)
     return sqrt(size);
 }
 
-/* Write the step in y to the optimum of |K t - c| beside active bounds; returns the size of what
- * it is computed from. */
+/* Write the step in y to the optimum of |K t - c| with active bounds; returns the size of its
+ * terms. */
 static double towards(work_t *w, int q)
 {
     int n = w->n, f = w->fixed, c = w->fixed + w->k;
-    double turned, size = lacking(w, q, w->r);
+    double turned, size = residual_at(w, q, w->r);
     memset(w->step, 0, (size_t)n * sizeof *w->step);
     if (w->is_norm) {
         memcpy(w->step + f, w->r, (size_t)q * sizeof *w->r);
@@ -369,17 +372,18 @@ static double towards(work_t *w, int q)
     return size;
 }
 
-/* Find the bound to leave, -1 if there is none, and then bounds that clearly hold the level back.
+/* Find the bound to deactivate, -1 if there is none, and then bounds with certainly non-zero
+ * multipliers.
  *
- * With `first_only` the first that may be left is taken, not the best. Steps of size `reach` led here.
+ * With `first_only` the first candidate is taken, not the best. Steps of size `step_size` led here.
  */
-static int multipliers(work_t *w, int q, const int8_t *state, bool first_only, double reach)
+static int multipliers(work_t *w, int q, const int8_t *state, bool first_only, double step_size)
 {
     int n = w->n, f = w->fixed, k = w->k, chosen = -1;
     double worst = 0.0, *g = w->move, *lambda = w->lambda, *r = w->r;
-    double terms = lacking(w, q, r), residual = sqrt(dot(r, r, q));
-    reach = fmax(reach, terms);
-    if (!(residual > ROUND_OFF * reach))
+    double terms = residual_at(w, q, r), residual = sqrt(dot(r, r, q));
+    step_size = fmax(step_size, terms);
+    if (!(residual > ROUND_OFF * step_size))
         return -1;
     memset(g, 0, (size_t)n * sizeof *g);
     for (int i = 0; i < q; i++)
@@ -394,7 +398,7 @@ static int multipliers(work_t *w, int q, const int8_t *state, bool first_only, d
             s -= w->L[j * n + f + i] * lambda[j];
         lambda[i] = s / w->L[i * n + f + i];
     }
-    /* In the order of the unknowns, which no pivoting changes. */
+    /* In the order of the unknowns, independent of pivoting. */
     for (int j = 0; j < n; j++)
         w->none[j] = 0.0;
     for (int i = 0; i < k; i++)
@@ -408,8 +412,8 @@ static int multipliers(work_t *w, int q, const int8_t *state, bool first_only, d
         }
     if (chosen < 0)
         for (int j = 0; j < n; j++)
-            if (w->none[j] < -fmax(ROUND_OFF * fmax(reach, w->from), ACCURACY * residual))
-                w->held[j] = 1;
+            if (w->none[j] < -fmax(ROUND_OFF * fmax(step_size, w->from), ACCURACY * residual))
+                w->fixed_at[j] = 1;
     return chosen;
 }
 
@@ -418,11 +422,11 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
                    int8_t *state)
 {
     int n = w->n, f = w->fixed, idle = 0;
-    double before = *w->gap, reach = 0.0; /* steps along rows that are nearly dependent are long */
+    double before = *w->gap, step_size = 0.0; /* steps along nearly dependent rows are long */
     memset(w->t, 0, (size_t)q * sizeof *w->t);
     activate_all(w, q, state, 0);
     for (; w->steps < w->most; w->steps++) {
-        *w->gap = before; /* the optimum rests on the decision of the last step alone */
+        *w->gap = before; /* the optimum depends on the decision of the last step alone */
         double terms = towards(w, q), length = 1.0, most = 0.0, moved = 0.0;
         int blocked = -1;
         for (int i = 0; i < q; i++) {
@@ -432,26 +436,26 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
         memcpy(w->move, w->step, (size_t)n * sizeof *w->move);
         reflect_back(w->V, w->beta, n, 0, w->turned, w->move);
         for (int j = 0; j < n; j++) {
-            if (state[j] || w->held[j])
+            if (state[j] || w->fixed_at[j])
                 w->move[j] = 0.0;
             most = fmax(most, fabs(w->move[j]));
         }
         if (!(sqrt(moved) > ROUND_OFF * terms))
-            length = 0.0; /* it would be blocked in directions that mean nothing */
+            length = 0.0; /* it would be blocked in directions of round-off */
         for (int j = 0; j < n && length > 0.0; j++) {
-            double room = INFINITY;
+            double work = INFINITY;
             if (w->move[j] > ROUND_OFF * most)
-                room = (upper[j] - x[j]) / w->move[j];
+                work = (upper[j] - x[j]) / w->move[j];
             else if (w->move[j] < -ROUND_OFF * most)
-                room = (lower[j] - x[j]) / w->move[j];
-            if (room < length) {
-                length = room;
+                work = (lower[j] - x[j]) / w->move[j];
+            if (work < length) {
+                length = work;
                 blocked = j;
             }
         }
         if (length > 0.0) {
             add(w->t, length, w->step + f, q);
-            reach = fmax(reach, length * sqrt(dot(w->step, w->step, n)));
+            step_size = fmax(step_size, length * sqrt(dot(w->step, w->step, n)));
             for (int j = 0; j < n; j++) {
                 double moved = x[j] + length * w->move[j];
                 if (fabs(moved) < 0.1 * ROUND_OFF * fabs(x[j]))
@@ -466,7 +470,7 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
             activate(w, q, blocked);
             continue;
         }
-        int chosen = multipliers(w, q, state, idle > DEGENERATE, reach);
+        int chosen = multipliers(w, q, state, idle > DEGENERATE, step_size);
         if (chosen < 0) {
             w->steps++;
             return true;
@@ -480,25 +484,25 @@ static bool within(work_t *w, int q, const double *lower, const double *upper, d
     return false;
 }
 
-/* Begin with all coordinates free but those of unknowns whose bounds are equal. */
+/* Initialize all coordinates as free but those of unknowns whose bounds are equal. */
 static void begin(work_t *w, const double *lower, const double *upper, double *x, bool bounded)
 {
-    int n = w->n, held = 0;
+    int n = w->n, fixed_at = 0;
     w->fixed = w->turned = 0;
     w->is_norm = false;
     w->gap = w->gaps + bounded;
     w->blur = 0.0;
     for (int j = 0; j < n; j++) {
-        w->held[j] = lower[j] == upper[j];
-        if (w->held[j])
-            row_of(w, j, w->M + held++ * n);
+        w->fixed_at[j] = lower[j] == upper[j];
+        if (w->fixed_at[j])
+            row_of(w, j, w->M + fixed_at++ * n);
     }
-    hold(w, held);
+    hold(w, fixed_at);
     if (!bounded)
         reflect(w->V, w->beta, n, 0, w->fixed, x); /* x is y until the end */
 }
 
-/* Write a level's rows (k, n) to M, in coordinates, and what they lack to r. */
+/* Write a level's rows (k, n) to M, in coordinates, and their residual to r. */
 static void take(work_t *w, const double *A, const double *b, int k, double unit, const double *x,
                  bool bounded)
 {
@@ -516,18 +520,18 @@ static void take(work_t *w, const double *A, const double *b, int k, double unit
         if (!bounded)
             w->r[i] -= dot(row, x, w->fixed);
     }
-    w->from = sqrt(w->from) + sqrt(dot(x, x, n)); /* in these units rows are no longer than one */
+    w->from = sqrt(w->from) + sqrt(dot(x, x, n)); /* in these units rows have norms up to 1 */
 }
 
-/* Fix what this level has determined in the rows of the unknowns, and what holds it back. */
+/* Fix the coordinates that this level has determined, and the bounds that restrict it. */
 static void keep(work_t *w, int q, const double *lower, const double *upper, const int8_t *state)
 {
-    int n = w->n, held = 0;
+    int n = w->n, fixed_at = 0;
     w->fixed += q;
     for (int j = 0; j < n; j++)
-        if (state[j] && w->held[j] && lower[j] < upper[j])
-            row_of(w, j, w->M + held++ * n);
-    hold(w, held);
+        if (state[j] && w->fixed_at[j] && lower[j] < upper[j])
+            row_of(w, j, w->M + fixed_at++ * n);
+    hold(w, fixed_at);
 }
 
 /* Write rows factor * y to M after k others, of d coordinates; returns the number of all rows. */
@@ -547,11 +551,12 @@ static int with_norm(work_t *w, int k, int d, double factor, const double *x, bo
     return k;
 }
 
-/* Turn M's rows (k, n) into |K t - c|, and the coordinates so that these rows see the first ones.
+/* Transform M's rows (k, n) to |K t - c|, with coordinates such that these rows affect the first
+ * ones.
  *
- * With |x| beside them no rank is decided, and within bounds that is all coordinates: without,
- * those that the rows do not see are zero. Returns the size of K; `is_upper` is which triangle it
- * is.
+ * With |x| as further rows no rank is decided. Within bounds all coordinates are determined;
+ * without, those that the rows do not affect are zero. Returns the size of K; `is_upper` is which
+ * triangle it is.
  */
 static int level_of(work_t *w, int k, double damping, bool beside, const double *x, bool bounded,
                     bool *is_upper)
@@ -582,7 +587,7 @@ static int level_of(work_t *w, int k, double damping, bool beside, const double 
     return q;
 }
 
-/* Solve the level in M, and go on to the next; whether its optimum was reached. */
+/* Solve the level in M and fix its result; returns whether its optimum was reached. */
 static bool level(work_t *w, int k, double damping, bool beside, const double *lower,
                   const double *upper, double *x, int8_t *state, bool bounded)
 {
@@ -601,7 +606,7 @@ static bool level(work_t *w, int k, double damping, bool beside, const double *l
     return true;
 }
 
-/* Make |x| least in what all levels leave, as the last one; whether that was reached. */
+/* Minimize |x| in the null space of all levels; returns whether the optimum was reached. */
 static bool least_norm(work_t *w, const double *lower, const double *upper, double *x,
                        int8_t *state)
 {
@@ -615,7 +620,7 @@ static bool least_norm(work_t *w, const double *lower, const double *upper, doub
     return within(w, q, lower, upper, x, state);
 }
 
-/* Norm of the rows of a level. */
+/* Return the norm of the rows of a level. */
 static double norm_of(const problem_t *p, int level, int n)
 {
     int first = level ? p->ends[level - 1] : 0;
@@ -623,7 +628,8 @@ static double norm_of(const problem_t *p, int level, int n)
     return sqrt(dot(A, A, (p->ends[level] - first) * n));
 }
 
-/* Solve every level in turn from x; whether all came to an end. Without bounds x is overwritten. */
+/* Solve every level in turn from x; returns whether all were solved. Without bounds x is
+ * overwritten. */
 static bool levels(work_t *w, const problem_t *p, double *x, int8_t *state, bool bounded)
 {
     int n = w->n, first = 0;
@@ -635,14 +641,14 @@ static bool levels(work_t *w, const problem_t *p, double *x, int8_t *state, bool
         double norm = norm_of(p, i, n), scale = p->scales ? p->scales[i] : norm;
         if (!(norm > NOTHING || beside))
             continue;
-        /* By a power of two, so that it changes no digit. */
+        /* By a power of two, which is exact. */
         frexp(fmax(norm, NOTHING), &exponent);
         double unit = ldexp(1.0, -exponent);
         double damping = beside ? 1.0 : p->damping && i < p->damped ? p->damping[i] : 0.0;
         w->least = fmax(p->tolerance * scale, NOTHING) * unit;
         take(w, p->A + first * n, p->b + first, k, unit, x, bounded);
         w->rank = p->ranks && !bounded && i < p->damped ? p->ranks + i : 0;
-        damping = fmin(damping * unit, 1.0 / NOTHING); /* more leaves no other digit */
+        damping = fmin(damping * unit, 1.0 / NOTHING); /* more would not change the result */
         ended = level(w, k, damping, beside, p->lower, p->upper, x, state, bounded);
     }
     if (bounded)
@@ -652,7 +658,7 @@ static bool levels(work_t *w, const problem_t *p, double *x, int8_t *state, bool
     return ended;
 }
 
-/* Put unknowns that are beyond their bounds on them; whether none had to be. */
+/* Move unknowns that violate their bounds onto these; returns whether none did. */
 static bool clip(int n, const double *lower, const double *upper, double *x, int8_t *state)
 {
     bool inside = true;
@@ -670,13 +676,13 @@ static bool clip(int n, const double *lower, const double *upper, double *x, int
             if (isfinite(bound))
                 x[j] = bound;
             else
-                state[j] = LEXICOGRAPHIC_FREE; /* it was finite where this start comes from */
+                state[j] = LEXICOGRAPHIC_FREE; /* the bound was finite in the initial problem */
         }
     }
     return inside;
 }
 
-/* Solve one problem whose norm is |x|; whether every level came to an end. */
+/* Solve one problem whose norm is |x|; returns whether every level was solved. */
 static bool solve(work_t *w, const problem_t *p, bool warm, double *x, int8_t *state)
 {
     int n = w->n;
@@ -703,77 +709,77 @@ static bool solve(work_t *w, const problem_t *p, bool warm, double *x, int8_t *s
     return true;
 }
 
-/* What a problem with weights is made into, and where it began. */
+/* Transformed problem of one with weights, and its initial state. */
 typedef struct {
     double *A, *b, *lower, *upper, *scales, *x; /* (rows + n, n), (rows + n,), (n,), (levels + 1,) */
     int32_t *ends;
     int8_t *state;
-} made_t;
+} scaled_t;
 
-/* Solve with u = weight (x - wanted) in place of x, whose norm is |u|; false where that hides a
- * rank, else `ended` is whether every level came to an end. */
-static bool measured(work_t *w, problem_t p, const double *weight, const double *wanted,
-                     const made_t *made, bool warm, double *x, int8_t *state, bool *ended)
+/* Solve with u = weight (x - wanted) in place of x, whose norm is |u|; returns false if that hides
+ * a rank deficiency, else `ended` is whether every level was solved. */
+static bool measured(work_t *w, problem_t p, const double *weight, const double *desired,
+                     const scaled_t *scaled, bool warm, double *x, int8_t *state, bool *ended)
 {
     int n = w->n, rows = p.levels ? p.ends[p.levels - 1] : 0;
     for (int i = 0; i < rows; i++) {
-        made->b[i] = p.b[i] - dot(p.A + i * n, wanted, n);
+        scaled->b[i] = p.b[i] - dot(p.A + i * n, desired, n);
         for (int j = 0; j < n; j++)
-            made->A[i * n + j] = p.A[i * n + j] / weight[j];
+            scaled->A[i * n + j] = p.A[i * n + j] / weight[j];
     }
     for (int j = 0; j < n; j++) {
-        made->lower[j] = (p.lower[j] - wanted[j]) * weight[j];
-        made->upper[j] = (p.upper[j] - wanted[j]) * weight[j];
-        x[j] = (x[j] - wanted[j]) * weight[j];
+        scaled->lower[j] = (p.lower[j] - desired[j]) * weight[j];
+        scaled->upper[j] = (p.upper[j] - desired[j]) * weight[j];
+        x[j] = (x[j] - desired[j]) * weight[j];
     }
     const double *lower = p.lower, *upper = p.upper;
-    p.A = made->A;
-    p.b = made->b;
-    p.lower = made->lower;
-    p.upper = made->upper;
+    p.A = scaled->A;
+    p.b = scaled->b;
+    p.lower = scaled->lower;
+    p.upper = scaled->upper;
     *ended = solve(w, &p, warm, x, state);
     for (int j = 0; j < n; j++) {
-        x[j] = fmin(fmax(wanted[j] + x[j] / weight[j], lower[j]), upper[j]);
+        x[j] = fmin(fmax(desired[j] + x[j] / weight[j], lower[j]), upper[j]);
         if (state[j])
             x[j] = state[j] == LEXICOGRAPHIC_LOWER ? lower[j] : upper[j];
     }
     return !w->doubt;
 }
 
-/* Solve with the rows of |weight (x - wanted)| written out, beside those of the last level or after
- * them; then |x| is least. */
-static bool written_out(work_t *w, problem_t p, const double *weight, const double *wanted,
-                        const made_t *made, bool warm, double *x, int8_t *state)
+/* Solve with the rows of |weight (x - wanted)| written out, within the last level or after it; then
+ * |x| is minimized. */
+static bool written_out(work_t *w, problem_t p, const double *weight, const double *desired,
+                        const scaled_t *scaled, bool warm, double *x, int8_t *state)
 {
     int n = w->n, rows = p.levels ? p.ends[p.levels - 1] : 0, last = p.levels - p.beside;
     double square = 0.0;
-    memcpy(made->A, p.A, (size_t)(rows * n) * sizeof *x);
-    memcpy(made->b, p.b, (size_t)rows * sizeof *x);
-    memset(made->A + rows * n, 0, (size_t)(n * n) * sizeof *x);
+    memcpy(scaled->A, p.A, (size_t)(rows * n) * sizeof *x);
+    memcpy(scaled->b, p.b, (size_t)rows * sizeof *x);
+    memset(scaled->A + rows * n, 0, (size_t)(n * n) * sizeof *x);
     for (int j = 0; j < n; j++) {
-        made->A[(rows + j) * n + j] = weight[j];
-        made->b[rows + j] = weight[j] * wanted[j];
+        scaled->A[(rows + j) * n + j] = weight[j];
+        scaled->b[rows + j] = weight[j] * desired[j];
         square += weight[j] * weight[j];
     }
-    memcpy(made->ends, p.ends, (size_t)p.levels * sizeof *made->ends);
+    memcpy(scaled->ends, p.ends, (size_t)p.levels * sizeof *scaled->ends);
     for (int i = 0; i < p.levels; i++)
-        made->scales[i] = p.scales ? p.scales[i] : norm_of(&p, i, n);
-    made->ends[last] = rows + n;
+        scaled->scales[i] = p.scales ? p.scales[i] : norm_of(&p, i, n);
+    scaled->ends[last] = rows + n;
     square *= fmin(1.0, RANK / p.tolerance) * fmin(1.0, RANK / p.tolerance);
-    made->scales[last] = hypot(p.beside ? made->scales[last] : 0.0, sqrt(square));
+    scaled->scales[last] = hypot(p.beside ? scaled->scales[last] : 0.0, sqrt(square));
     p.levels = last + 1;
     p.damped = last;
     p.beside = false;
-    p.A = made->A;
-    p.b = made->b;
-    p.ends = made->ends;
-    p.scales = made->scales;
+    p.A = scaled->A;
+    p.b = scaled->b;
+    p.ends = scaled->ends;
+    p.scales = scaled->scales;
     return solve(w, &p, warm, x, state);
 }
 
-/* Solve one problem of a batch; whether every level came to an end. */
+/* Solve one problem of a batch; returns whether every level was solved. */
 static bool solve_weighted(work_t *w, const problem_t *p, const double *weight,
-                           const double *wanted, const made_t *made, bool warm, double *x,
+                           const double *desired, const scaled_t *scaled, bool warm, double *x,
                            int8_t *state)
 {
     int n = w->n;
@@ -788,29 +794,29 @@ static bool solve_weighted(work_t *w, const problem_t *p, const double *weight,
         fast = fmax(fast, weight[j]);
     }
     for (int i = 0; i < p->damped && p->damping; i++)
-        slow = p->damping[i] > 0.0 ? 0.0 : slow; /* the norm that it adds has no weights */
-    if (p->beside) { /* beside larger rows a weight may count as zero */
+        slow = p->damping[i] > 0.0 ? 0.0 : slow; /* the norm added by damping has no weights */
+    if (p->beside) { /* relative to larger rows a weight may count as zero */
         int last = p->levels - 1;
         double rows = p->scales ? p->scales[last] : norm_of(p, last, n);
         slow = slow > p->tolerance * hypot(rows, sqrt(n) * fast) ? slow : 0.0;
     }
     if (slow > 0.0 && fast < MEASURED * slow) {
-        memcpy(made->x, x, (size_t)n * sizeof *x);
-        memcpy(made->state, state, (size_t)n);
+        memcpy(scaled->x, x, (size_t)n * sizeof *x);
+        memcpy(scaled->state, state, (size_t)n);
         w->slow = slow;
         w->fast = fast;
-        if (measured(w, *p, weight, wanted, made, warm, x, state, &ended))
+        if (measured(w, *p, weight, desired, scaled, warm, x, state, &ended))
             return ended;
-        memcpy(x, made->x, (size_t)n * sizeof *x);
-        memcpy(state, made->state, (size_t)n);
+        memcpy(x, scaled->x, (size_t)n * sizeof *x);
+        memcpy(state, scaled->state, (size_t)n);
         w->slow = w->fast = 1.0;
         w->doubt = false;
         w->gaps[0] = w->gaps[1] = INFINITY;
     }
-    return written_out(w, *p, weight, wanted, made, warm, x, state);
+    return written_out(w, *p, weight, desired, scaled, warm, x, state);
 }
 
-/* Whether numbers are finite and not too large, nor too small for a norm that is asked for. */
+/* Return whether numbers are finite, not too large, and not too small for a requested norm. */
 static bool are_moderate(const problem_t *p, int n)
 {
     for (int i = 0, first = 0; i < p->levels; first = p->ends[i++]) {
@@ -827,7 +833,7 @@ static bool are_moderate(const problem_t *p, int n)
     return true;
 }
 
-/* Largest number of rows in M: those of a level and of a norm beside it. */
+/* Return the largest number of rows in M: those of a level with a norm. */
 static int64_t most_rows(const lexicographic_problem *p)
 {
     int first = 0, most = p->n;
@@ -849,15 +855,15 @@ int64_t lexicographic_room(const lexicographic_problem *p)
 }
 
 void lexicographic_solve(const lexicographic_problem *p, const double *A, const double *b,
-                         const double *scales, const double *limits, const double *wanted,
-                         double *room, double *x, int8_t *state, double *report, int32_t *ranks)
+                         const double *scales, const double *limits, const double *desired,
+                         double *work, double *x, int8_t *state, double *report, int32_t *ranks)
 {
     int64_t n = p->n, rows = rows_of(p), R = most_rows(p);
     work_t w = {.n = p->n, .most = p->most_steps};
-    made_t made;
+    scaled_t scaled;
     problem_t one = {p->levels, p->levels, p->beside, p->tolerance, p->ends, p->damping, A, b,
                      scales, limits, limits, ranks};
-    double own[OWN_ROOM], *at = room ? room : own;
+    double own[OWN_ROOM], *at = work ? work : own;
     double **parts[] = {&w.V, &w.K, &w.Z, &w.L, &w.P, &w.M, &w.copy, &w.r, &w.lack,
                         &w.squares, &w.beta, &w.Z_beta, &w.c, &w.t, &w.lambda, &w.step, &w.move,
                         &w.size, &w.none};
@@ -866,15 +872,15 @@ void lexicographic_solve(const lexicographic_problem *p, const double *A, const 
         at += i < 5 ? n * n : i < 7 ? R * n : i < 10 ? R : n;
     }
     w.active = (int32_t *)at;
-    w.held = (int8_t *)(at + n);
-    made.A = at + 2 * n;
-    made.b = made.A + (rows + n) * n;
-    made.lower = made.b + rows + n;
-    made.upper = made.lower + n;
-    made.x = made.upper + n;
-    made.scales = made.x + n;
-    made.ends = (int32_t *)(made.scales + p->levels + 1);
-    made.state = (int8_t *)(made.scales + 2 * p->levels + 2);
+    w.fixed_at = (int8_t *)(at + n);
+    scaled.A = at + 2 * n;
+    scaled.b = scaled.A + (rows + n) * n;
+    scaled.lower = scaled.b + rows + n;
+    scaled.upper = scaled.lower + n;
+    scaled.x = scaled.upper + n;
+    scaled.scales = scaled.x + n;
+    scaled.ends = (int32_t *)(scaled.scales + p->levels + 1);
+    scaled.state = (int8_t *)(scaled.scales + 2 * p->levels + 2);
     for (int64_t k = 0; k < p->count; k++) {
         int64_t of_matrix = k % p->matrices, of_bounds = 2 * (k % p->bounds) * n;
         one.A = A + of_matrix * rows * n;
@@ -885,16 +891,16 @@ void lexicographic_solve(const lexicographic_problem *p, const double *A, const 
         one.ranks = ranks ? ranks + k * p->levels : 0;
         w.steps = 0;
         w.gaps[0] = w.gaps[1] = INFINITY;
-        double *said = report + 4 * k;
-        said[0] = 0.0;
-        said[1] = -1.0;
-        said[2] = said[3] = 1.0;
+        double *result = report + 4 * k;
+        result[0] = 0.0;
+        result[1] = -1.0;
+        result[2] = result[3] = 1.0;
         if (!are_moderate(&one, p->n))
             continue;
-        said[1] = solve_weighted(&w, &one, p->weight, p->weight ? wanted + k * n : 0, &made,
+        result[1] = solve_weighted(&w, &one, p->weight, p->weight ? desired + k * n : 0, &scaled,
                                  p->warm, x + k * n, state + k * n);
-        said[0] = w.steps;
-        said[2] = w.gaps[0];
-        said[3] = w.gaps[1];
+        result[0] = w.steps;
+        result[2] = w.gaps[0];
+        result[3] = w.gaps[1];
     }
 }

@@ -1,18 +1,18 @@
-/* Elimination of passive velocities, and bases of what is left. */
+/* Elimination of passive velocities, and bases of null spaces. */
 #include <math.h>
 #include <string.h>
 #include "kernels.h"
 #include "numerics.h"
 
-/* Zero column k of M (rows + 1, width) below row k by a reflection, whose vector becomes this
- * column; the last row is room. Returns whether there was anything. */
+/* Zero column k of M (rows + 1, width) below row k by a reflection, whose vector replaces this
+ * column; the last row is workspace. Returns whether it was not zero already. */
 static bool clear_below(double *M, int rows, int width, int k)
 {
     int own = k, count = width - k;
-    double square = 0.0, *top = M + k * width + k, *room = M + rows * width + k;
+    double square = 0.0, *top = M + k * width + k, *work = M + rows * width + k;
     while (own < rows && M[own * width + k] == 0.0)
         own++;
-    if (k < own && own < rows) /* rows of other loops stay as they are */
+    if (k < own && own < rows) /* rows of other loops are unchanged */
         for (int j = 0; j < count; j++) {
             double kept = top[j];
             top[j] = M[own * width + k + j];
@@ -24,16 +24,17 @@ static bool clear_below(double *M, int rows, int width, int k)
     if (!(norm > 0.0))
         return false;
     top[0] -= diagonal;
-    memset(room + 1, 0, (size_t)(count - 1) * sizeof *room);
+    memset(work + 1, 0, (size_t)(count - 1) * sizeof *work);
     for (int i = k; i < rows; i++)
-        add(room + 1, M[i * width + k], M + i * width + k + 1, count - 1);
+        add(work + 1, M[i * width + k], M + i * width + k + 1, count - 1);
     for (int i = k; i < rows; i++)
-        add(M + i * width + k + 1, M[i * width + k] / (norm * -fabs(top[0])), room + 1, count - 1);
+        add(M + i * width + k + 1, M[i * width + k] / (norm * -fabs(top[0])), work + 1, count - 1);
     top[0] = diagonal;
     return true;
 }
 
-/* Frobenius norm of the inverse of the triangle in M's first rows; x (count) is room. */
+/* Return the Frobenius norm of the inverse of the triangle in M's first rows; x (count) is
+ * workspace. */
 static double inverse_norm(const double *M, int width, int count, double *x)
 {
     double total = 0.0;
@@ -95,7 +96,7 @@ double reduce_task(const double *J_T, int m, int N, const int64_t *order, int p,
             column += moved * moved;
             add(J + t * n, moved, follow, n);
         }
-        /* A fast passive joint adds to the size only if it moves the task. */
+        /* A fast passive joint contributes to the size only if it moves the task. */
         through += column * follows;
     }
     for (int i = 0; i < m * N; i++)
@@ -103,38 +104,38 @@ double reduce_task(const double *J_T, int m, int N, const int64_t *order, int p,
     return sqrt(size) + sqrt(through);
 }
 
-void canonical_bases(int count, int N, int k, double *rest, double *made, double *along)
+void canonical_bases(int count, int N, int k, double *remaining, double *bases, double *along)
 {
-    for (int b = 0; b < count; b++, rest += N * k, made += N * k)
+    for (int b = 0; b < count; b++, remaining += N * k, bases += N * k)
         for (int t = 0; t < k; t++) {
             int pivot = 0;
             double most = 0.0, left = 0.0;
             for (int i = 0; i < N; i++) {
                 double size = 0.0;
                 for (int j = 0; j < k; j++)
-                    size += rest[i * k + j] * rest[i * k + j];
+                    size += remaining[i * k + j] * remaining[i * k + j];
                 left += size;
                 if (size > most * (1.0 + ACCURACY)) {
                     pivot = i;
                     most = size;
                 }
             }
-            if (left < 0.5) /* what is left has the dimension that is left */
+            if (left < 0.5) /* its square norm is the remaining dimension */
                 break;
             for (int j = 0; j < k; j++)
-                along[j] = rest[pivot * k + j] / sqrt(most);
+                along[j] = remaining[pivot * k + j] / sqrt(most);
             for (int i = 0; i < N; i++) {
                 double part = 0.0;
                 for (int j = 0; j < k; j++)
-                    part += rest[i * k + j] * along[j];
-                made[i * k + t] = part;
+                    part += remaining[i * k + j] * along[j];
+                bases[i * k + t] = part;
                 for (int j = 0; j < k; j++)
-                    rest[i * k + j] -= part * along[j];
+                    remaining[i * k + j] -= part * along[j];
             }
         }
 }
 
-/* The levels of a motion: loops, then drives that are held, then springs; those that there are. */
+/* Levels of a motion: loops, fixed drives, springs, if there are any. */
 static lexicographic_problem motion_levels(int c, int h, int s, int N, int32_t *ends)
 {
     int rows[] = {c, h, s}, levels = 0, end = 0;
@@ -153,35 +154,35 @@ int nearest_room(int c, int h, int s, int N)
 }
 
 int nearest_motion(const drives_model *of, int c, const double *J_C, int g, const double *gaps,
-                   int h, const int64_t *held, const double *wanted, const double *displacements,
-                   double *room, double *motion)
+                   int h, const int64_t *fixed, const double *desired, const double *displacements,
+                   double *work, double *motion)
 {
     int N = of->N, s = of->springs ? N : 0, rows = c + h + s;
-    double *A = room, *b = A + rows * N, *limits = b + rows, report[4];
+    double *A = work, *b = A + rows * N, *limits = b + rows, report[4];
     int32_t ends[3];
     bool is_there = true;
     for (int i = 0; i < h; i++) {
-        if (held[i] < 0 || held[i] >= of->n)
+        if (fixed[i] < 0 || fixed[i] >= of->n)
             return MOTION_INVALID;
         for (int j = 0; j < i; j++)
-            if (held[i] == held[j])
+            if (fixed[i] == fixed[j])
                 return MOTION_INVALID;
     }
-    if (!c && !s) { /* each drive alone */
+    if (!c && !s) { /* drives are independent */
         memset(motion, 0, (size_t)N * sizeof *motion);
         for (int i = 0; i < h; i++) {
-            motion[of->active[held[i]]] = wanted[held[i]] - displacements[held[i]];
-            is_there = is_there && wanted[held[i]] == displacements[held[i]];
+            motion[of->active[fixed[i]]] = desired[fixed[i]] - displacements[fixed[i]];
+            is_there = is_there && desired[fixed[i]] == displacements[fixed[i]];
         }
         return is_there ? MOTION_NONE : MOTION_SOLVED;
     }
-    memset(room, 0, (size_t)(rows * (N + 1)) * sizeof *room);
+    memset(work, 0, (size_t)(rows * (N + 1)) * sizeof *work);
     memcpy(A, J_C, (size_t)(c * N) * sizeof *A);
     for (int i = 0; i < g; i++)
         b[i] = -gaps[i];
     for (int i = 0; i < h; i++) {
-        A[(c + i) * N + of->active[held[i]]] = 1.0;
-        b[c + i] = wanted[held[i]] - displacements[held[i]];
+        A[(c + i) * N + of->active[fixed[i]]] = 1.0;
+        b[c + i] = desired[fixed[i]] - displacements[fixed[i]];
     }
     if (s)
         memcpy(A + (c + h) * N, of->springs, (size_t)(N * N) * sizeof *A);

@@ -1,14 +1,14 @@
-/* What the solver's files share: products of rows, and every number that decides.
+/* Functions shared by the solver's files, and all numerical thresholds.
  *
- * docs/theory.md says where each comes from.
+ * docs/theory.md derives each threshold.
  */
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
 
-/* A function that is also compiled for wider registers, and taken where the processor has them: the
- * same sums in the same order, hence the same bits. Loaders of other systems cannot choose, and
- * sanitizers must not run before the choice. */
+/* Compiles a function for wider registers as well, used if the processor has them: the sums have
+ * the same order, hence identical bits. Other loaders do not support this, and sanitizers must not
+ * run before the selection. */
 #if defined(__x86_64__) && defined(__gnu_linux__) && defined(__GNUC__) && !defined(__clang__) \
     && !defined(__SANITIZE_ADDRESS__)
 #define WIDE __attribute__((target_clones("default", "avx2")))
@@ -21,24 +21,24 @@
 #define INLINED static inline
 #endif
 
-/* Part of what rows were made from below which their singular values are zero: RANK_TOLERANCE. */
+/* Fraction of the scale of rows below which singular values are zero: RANK_TOLERANCE. */
 static const double RANK = 1e-10;
-/* Part of what a number is computed from that may be round-off; a tenth of it is, alone. */
+/* Fraction of the terms of a number that may be round-off; a tenth of it always is. */
 static const double ROUND_OFF = 1e-14;
-/* Part by which equal numbers may differ: ACCURACY in argument_checks/ties.py. */
+/* Relative difference up to which numbers are equal: ACCURACY in argument_checks/ties.py. */
 static const double ACCURACY = 1e-9;
-/* Where this part of a number is left of its terms, their round-off asks for another pass. */
+/* Cancellation threshold: a number reduced to this fraction of its terms is recomputed. */
 static const double CANCELLED = 1e-3;
-/* Ratio of weights up to which unknowns are measured in parts of them without loss of digits. */
+/* Ratio of weights up to which unknowns can be scaled by them without loss of digits. */
 static const double MEASURED = 1e4;
-/* Factor by which every rank of a tick must be clear of what is in doubt. */
+/* Least gap of every rank decision of a tick. */
 static const double CLEAR = 1e3;
-/* The same beside active limits, where what is left of a level may be smaller. */
+/* Least gap with active limits, where the remaining part of a level may be smaller. */
 static const double DECIDED = 10.0;
-/* Of bounds of errors, which are of first order. */
+/* Factor on error bounds, which are of first order. */
 static const double MARGIN = 2.0;
 
-/* Sum of squares up to which, and from the inverse of which on, no product over- or underflows. */
+/* Greatest sum of squares (and inverse of the least) without over- or underflow of products. */
 static const double MODERATE = 1e100;
 
 static inline bool is_moderate(double square)
@@ -48,7 +48,7 @@ static inline bool is_moderate(double square)
 
 static inline double dot(const double *a, const double *b, int64_t count)
 {
-    double sums[4] = {0.0, 0.0, 0.0, 0.0}; /* that compilers add side by side */
+    double sums[4] = {0.0, 0.0, 0.0, 0.0}; /* four sums, which compilers vectorize */
     int64_t j = 0;
     for (; j + 4 <= count; j += 4)
         for (int64_t e = 0; e < 4; e++)

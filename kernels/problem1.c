@@ -4,7 +4,7 @@
 #include "kernels.h"
 #include "numerics.h"
 
-/* Sum of the squares of numbers that the argument checks let pass. */
+/* Square of the largest number that the argument checks accept. */
 static const double LARGEST = 1e240;
 
 static double squares(const double *a, int64_t count)
@@ -12,7 +12,7 @@ static double squares(const double *a, int64_t count)
     return dot(a, a, count);
 }
 
-/* The levels: the major rows, then the secondary ones if they have weights. */
+/* Levels: the major rows, then the secondary ones if they have weights. */
 static lexicographic_problem levels_of(const problem1 *p, int32_t *ends, const double *weight)
 {
     bool two = p->m2 > 0 && p->secondary;
@@ -40,7 +40,7 @@ bool problem1_fits(const problem1 *p, const double *J, const double *w1, const d
            (!p->secondary || is_moderate(squares(w2, p->m2)));
 }
 
-/* Write the rows of the levels for a Jacobian to A, and what they are to be to b. */
+/* Write the rows of the levels for a Jacobian to A, and their targets to b. */
 static void write_levels(const problem1 *p, const double *J, const double *w2, const double *v,
                          const double *v_s, double *A, double *b)
 {
@@ -59,20 +59,20 @@ static void write_levels(const problem1 *p, const double *J, const double *w2, c
 
 int problem1_solve(const problem1 *p, const double *J, const double *sizes, const double *w1,
                    const double *w2, const double *v, const double *rates_d, const double *v_s,
-                   const double *limits, double *room, double *x)
+                   const double *limits, double *work, double *x)
 {
     int64_t n = p->n, m = p->m, m1 = p->m1, m2 = p->secondary ? p->m2 : 0;
-    double own[OWN_ROOM], *A = room ? room : own, *b = A + (m1 + p->m2) * n;
-    double *weight = b + m1 + p->m2, *wanted = weight + n;
-    double *lower = wanted + n, *upper = lower + n, *scales = upper + n, secondary = 0.0, report[4];
+    double own[OWN_ROOM], *A = work ? work : own, *b = A + (m1 + p->m2) * n;
+    double *weight = b + m1 + p->m2, *goal = weight + n;
+    double *lower = goal + n, *upper = lower + n, *scales = upper + n, secondary = 0.0, report[4];
     int8_t *state = (int8_t *)(scales + 2);
     int32_t ends[2], ranks[2];
     int code = PROBLEM1_SOLVED;
     lexicographic_problem q = levels_of(p, ends, p->joint ? weight : 0);
-    double asked = squares(v, p->count * m1) + (rates_d ? squares(rates_d, p->count * n) : 0.0);
-    asked += v_s && m2 ? squares(v_s, p->count * m2) : 0.0;
-    double given = squares(J, p->jacobians * m * n) + (p->joint ? squares(w1, n) : 0.0);
-    if (!(asked < LARGEST && given + (m2 ? squares(w2, m2) : 0.0) < LARGEST))
+    double targets = squares(v, p->count * m1) + (rates_d ? squares(rates_d, p->count * n) : 0.0);
+    targets += v_s && m2 ? squares(v_s, p->count * m2) : 0.0;
+    double factors = squares(J, p->jacobians * m * n) + (p->joint ? squares(w1, n) : 0.0);
+    if (!(targets < LARGEST && factors + (m2 ? squares(w2, m2) : 0.0) < LARGEST))
         return PROBLEM1_REFUSED;
     for (int64_t i = 0; i < m2; i++)
         secondary += w2[i] * w2[i] * squares(p->S + (m1 + i) * m, m);
@@ -88,9 +88,9 @@ int problem1_solve(const problem1 *p, const double *J, const double *sizes, cons
         scales[1] = sqrt(secondary) * size;
         write_levels(p, each, w2, v + k * m1, v_s ? v_s + k * m2 : 0, A, b);
         for (int64_t j = 0; j < n; j++)
-            wanted[j] = rates_d ? rates_d[k * n + j] : 0.0;
+            goal[j] = rates_d ? rates_d[k * n + j] : 0.0;
         ranks[0] = 0;
-        lexicographic_solve(&q, A, b, scales, lower, wanted, scales + 2 + n, x + k * n, state,
+        lexicographic_solve(&q, A, b, scales, lower, goal, scales + 2 + n, x + k * n, state,
                             report, ranks);
         if (report[1] < 0.0) /* products with weights are too large */
             return PROBLEM1_REFUSED;

@@ -2,10 +2,10 @@
 
 #include "kernels.h"
 
-/* Half of a gap that is round-off. */
+/* Half of a gap that counts as round-off. */
 static const double COINCIDENT_M = 5e-15;
 
-/* Turn about the rotation vector by Rodrigues' formula, then shift. */
+/* Rotate about the rotation vector by Rodrigues' formula, then translate. */
 static void move_one(const double *R, const double *t, const double *twist, double *R_new,
                      double *t_new)
 {
@@ -17,7 +17,7 @@ static void move_one(const double *R, const double *t, const double *twist, doub
     for (int j = 0; j < 3; j++) {
         double a = R[j], b = R[3 + j], d = R[6 + j];
         double along = c * (x * a + y * b + z * d);
-        /* As increments: a factor of nearly 1 would round the same way at every tick. */
+        /* In increments: a factor close to 1 would be rounded the same way at every tick. */
         R_new[j] = a + (s * (y * d - z * b) + (along * x - c * square * a));
         R_new[3 + j] = b + (s * (z * a - x * d) + (along * y - c * square * b));
         R_new[6 + j] = d + (s * (x * b - y * a) + (along * z - c * square * d));
@@ -33,7 +33,7 @@ void move(int poses, const double *R, const double *t, const double *twists, dou
         move_one(R + 9 * k, t + 3 * k, twists + 6 * k, R_new + 9 * k, t_new + 3 * k);
 }
 
-/* The vector of a rotation E, and its angle; by its quaternion. */
+/* Write the rotation vector of E and return its angle, by its quaternion. */
 static double turn(const double *E, double *vector)
 {
     double trace = E[0] + E[4] + E[8], w;

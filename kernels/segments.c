@@ -4,10 +4,10 @@
 #include "kernels.h"
 #include "numerics.h"
 
-/* Part of its variance below which a pivot is round-off. */
+/* Fraction of its variance below which a pivot is round-off. */
 static const double PIVOT = 1e-13;
 
-/* Pairs side by side: each is computed as if it were alone, and none waits for its sums. */
+/* Pairs computed in parallel, each with the same arithmetic as alone. */
 enum { LANES = 8 };
 
 /* Write roots L (d, d, LANES) of P + Q by Cholesky, lower triangles, of Q (LANES) that are `next`
@@ -80,14 +80,14 @@ int segments_room(int d)
 
 void to_segments(int H, int E, int d, const double *points, const double *starts,
                  const double *ways, const double *own, const double *other, bool one,
-                 double *room, double *distance)
+                 double *work, double *distance)
 {
-    double *L = room, *a = L + d * d * LANES, *b = a + d * LANES, found[LANES];
-    int step = E < LANES ? 1 : LANES; /* fewer than lanes: one after the other, in all of them */
+    double *L = work, *a = L + d * d * LANES, *b = a + d * LANES, found[LANES];
+    int step = E < LANES ? 1 : LANES; /* fewer than lanes: one pair at a time, in all lanes */
     int64_t next = E < LANES ? 0 : 1;
     for (int h = 0; h < H; h++)
         for (int e = 0; e < E; e += step) {
-            int k = e + step <= E ? e : E - step; /* the last ones once more */
+            int k = e + step <= E ? e : E - step; /* overlaps the previous lanes at the end */
             if (!one || (h == 0 && e == 0))
                 factor(own + h * d * d, other + k * d * d, one ? 0 : next * d * d, d, L);
             distances(L, d, points + h * d, starts + k * d, ways + k * d, next * d, a, b, found);

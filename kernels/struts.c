@@ -5,12 +5,12 @@
 
 enum { N = 6 };
 
-/* Part of a column below which a pivot is round-off. */
+/* Fraction of a column below which a pivot is round-off. */
 static const double DEPENDENT = 1e-12;
-/* Square of the largest number that the argument checks let pass. */
+/* Square of the largest number that the argument checks accept. */
 static const double MOST = 1e240;
 
-/* Sum of the squares of some numbers. */
+/* Return the sum of squares of some numbers. */
 static double square(const double *x, int count)
 {
     double total = 0.0;
@@ -19,7 +19,7 @@ static double square(const double *x, int count)
     return total;
 }
 
-/* Lengths of the struts at one pose and rows [(R a) x u, u]; of one without length NaN. */
+/* Write strut lengths at one pose and rows [(R a) x u, u]; NaN for a length of zero. */
 static bool lengths_at(const strut_nodes *nodes, const double *R, const double *t, double *lengths,
                        double *A)
 {
@@ -56,10 +56,10 @@ static void swap(double *x, double *y)
 }
 
 /* Overwrite X (6, columns) by the solution of A X = X: Gauss, partial pivoting. */
-static bool solve(const double *given, int columns, double *X)
+static bool solve(const double *matrix, int columns, double *X)
 {
     double A[N][N], size[N] = {0.0};
-    memcpy(A, given, sizeof A);
+    memcpy(A, matrix, sizeof A);
     for (int i = 0; i < N; i++)
         for (int r = 0; r < N; r++)
             size[i] = fabs(A[r][i]) > size[i] ? fabs(A[r][i]) : size[i];
@@ -91,7 +91,7 @@ static bool solve(const double *given, int columns, double *X)
                 x -= A[i][k] * X[k * columns + j];
             X[i * columns + j] = x / A[i][i];
         }
-    return square(X, N * columns) < MOST; /* NaN is not */
+    return square(X, N * columns) < MOST; /* false for NaN */
 }
 
 bool strut_twist(const double *A, double *b)
@@ -100,12 +100,12 @@ bool strut_twist(const double *A, double *b)
 }
 
 int follow(const strut_nodes *nodes, const double *R, const double *t, const double *A,
-           const double *moved, const double *asked, double *R_new, double *t_new, double *A_new,
+           const double *moved, const double *target, double *R_new, double *t_new, double *A_new,
            double *moved_new)
 {
     double step[N];
     for (int k = 0; k < N; k++)
-        step[k] = asked[k] - moved[k];
+        step[k] = target[k] - moved[k];
     if (!solve(A, 1, step))
         return SINGULAR;
     move(1, R, t, step, R_new, t_new);

@@ -1,7 +1,7 @@
 /* Rates and passive velocities at a pose: loops are eliminated, then levels are solved.
  *
- * What loops or levels leave in doubt, near a singular pose, is left to who knows the accuracy of
- * the geometry entry by entry.
+ * If loops or levels are ill-conditioned, near a singular pose, the caller must decide with the
+ * accuracy of each entry of the geometry.
  */
 #include <math.h>
 #include <string.h>
@@ -13,14 +13,14 @@ typedef struct {
     int rows, width;
 } matrix;
 
-/* What the loops leave, and what counts as zero of it. */
+/* Result of eliminating the loops, with the magnitudes that count as zero. */
 typedef struct {
-    bool is_regular;    /* whether J_Cp is */
-    double loops, task; /* what may be zero of the loops, per |gain|, and of J */
+    bool is_regular;    /* whether J_Cp is regular */
+    double loops, task; /* magnitude up to which loops are zero, per |gain|, and of J */
     double follows;     /* |gain|^2 */
 } reduction;
 
-/* A mechanism at a pose: gains and constraints of the rates, the reduced task Jacobian. */
+/* Mechanism at a pose: gains and constraints of the rates, the reduced task Jacobian. */
 typedef struct {
     matrix M, J;
     reduction loops;
@@ -31,13 +31,13 @@ static double *row(matrix A, int i)
     return A.at + i * A.width;
 }
 
-/* Whether numbers of this sum of squares are zero or moderate. */
+/* Return whether numbers with this sum of squares are zero or moderate. */
 static bool fits(double square)
 {
     return square == 0.0 || is_moderate(square);
 }
 
-/* Whether the idle velocities move neither loops nor task, and may be zero. */
+/* Return whether the idle velocities move neither loops nor task, and may be zero. */
 static bool are_idle(const tick_plan *g, const double *J_T, const double *J_C,
                      const double *lower, const double *upper)
 {
@@ -94,33 +94,33 @@ static void product(const double *A, int rows, matrix B, int columns, double *to
             add(to + i * columns, A[i * B.rows + t], row(B, t), B.width);
 }
 
-/* Levels as lexicographic_solve takes them, of w unknowns. */
+/* Levels in the form of lexicographic_solve, with w unknowns. */
 typedef struct {
     int w, rows, levels;
-    double *A, *b, *lower, *upper, *wanted, *weight, *scales, *damping, *x, *room;
+    double *A, *b, *lower, *upper, *desired, *weight, *scales, *damping, *x, *work;
     int32_t *ends;
     int8_t *state;
 } levels_t;
 
-static levels_t levels_at(double *room, int w, int rows, int levels)
+static levels_t levels_at(double *work, int w, int rows, int levels)
 {
-    levels_t at = {.w = w, .A = room};
-    double **parts[] = {&at.b, &at.lower, &at.upper, &at.wanted, &at.weight, &at.x, &at.scales,
-                        &at.damping, &at.room};
+    levels_t at = {.w = w, .A = work};
+    double **parts[] = {&at.b, &at.lower, &at.upper, &at.desired, &at.weight, &at.x, &at.scales,
+                        &at.damping, &at.work};
     int sizes[] = {rows * w, rows, w, w, w, w, w, levels, 2 * levels + w};
     for (int i = 0; i < 9; i++)
-        *parts[i] = (i ? *parts[i - 1] : room) + sizes[i];
+        *parts[i] = (i ? *parts[i - 1] : work) + sizes[i];
     at.ends = (int32_t *)(at.damping + levels);
     at.state = (int8_t *)(at.damping + 2 * levels);
     for (int j = 0; j < w; j++) {
         at.lower[j] = -INFINITY;
         at.upper[j] = INFINITY;
-        at.wanted[j] = at.weight[j] = 0.0;
+        at.desired[j] = at.weight[j] = 0.0;
     }
     return at;
 }
 
-/* End a level after so many more rows, whose singular values are in doubt up to `doubt`. */
+/* End a level after `rows` more rows, whose singular values up to `doubt` may be zero. */
 static void end_level(levels_t *at, int rows, double doubt, double damping)
 {
     at->rows += rows;
@@ -129,7 +129,7 @@ static void end_level(levels_t *at, int rows, double doubt, double damping)
     at->damping[at->levels++] = damping;
 }
 
-/* Solve them, within limits or not; whether the optimum was found and all ranks are clear. */
+/* Solve the levels; returns whether the optimum was found and all ranks are certain. */
 static bool solve(levels_t *at, bool weighted, bool beside)
 {
     lexicographic_problem p = {.count = 1, .n = at->w, .levels = at->levels, .matrices = 1,
@@ -137,7 +137,7 @@ static bool solve(levels_t *at, bool weighted, bool beside)
                                .beside = beside, .tolerance = RANK, .ends = at->ends,
                                .damping = at->damping, .weight = weighted ? at->weight : 0};
     double report[4];
-    lexicographic_solve(&p, at->A, at->b, at->scales, at->lower, at->wanted, at->room, at->x,
+    lexicographic_solve(&p, at->A, at->b, at->scales, at->lower, at->desired, at->work, at->x,
                         at->state, report, 0);
     return report[1] && report[2] >= CLEAR && report[3] >= DECIDED;
 }
@@ -156,11 +156,11 @@ static void constrain(const tick_plan *g, const mechanism *of, levels_t *at)
         end_level(at, q, of->loops.loops * (1.0 + sqrt(of->loops.follows)), 0.0);
 }
 
-/* Whether no rank of the directions that rates compromise with is in doubt. */
-static bool are_clear(const tick_plan *g, const mechanism *of, double *room)
+/* Return whether the ranks of task directions in the level with the norm are certain. */
+static bool are_clear(const tick_plan *g, const mechanism *of, double *work)
 {
     int first = g->k - g->e;
-    levels_t at = levels_at(room, g->n, g->c - g->p + first + g->d, 2);
+    levels_t at = levels_at(work, g->n, g->c - g->p + first + g->d, 2);
     constrain(g, of, &at);
     product(g->S, first, of->J, at.w, at.A + at.rows * at.w);
     product(g->D, g->d, of->J, at.w, at.A + (at.rows + first) * at.w);
@@ -169,7 +169,7 @@ static bool are_clear(const tick_plan *g, const mechanism *of, double *room)
     return solve(&at, false, false);
 }
 
-/* Solve the levels; with limits of passive velocities if `limited` (p) says of which. */
+/* Solve the levels, with limits of the passive velocities `limited` (p). */
 static bool solve_levels(const tick_plan *g, const mechanism *of, const double *right,
                          const double *lower, const double *upper, const int *limited, int s,
                          levels_t *at)
@@ -180,7 +180,7 @@ static bool solve_levels(const tick_plan *g, const mechanism *of, const double *
         double unit = g->velocity_units[g->order[p + j]];
         at->lower[j] = lower[g->order[p + j]] / unit;
         at->upper[j] = upper[g->order[p + j]] / unit;
-        at->wanted[j] = g->weight ? right[g->k + j] : 0.0;
+        at->desired[j] = g->weight ? right[g->k + j] : 0.0;
         at->weight[j] = g->weight ? g->weight[j] : 1.0;
     }
     for (int i = 0; i < s; i++) { /* gain rates / size = y, y within limits / size */
@@ -198,7 +198,7 @@ static bool solve_levels(const tick_plan *g, const mechanism *of, const double *
     if (s)
         end_level(at, s, CLEAR * RANK, 0.0);
     constrain(g, of, at);
-    int first = at->rows; /* those before it must be met */
+    int first = at->rows; /* the preceding levels must be satisfied */
     product(g->S, g->k, of->J, at->w, at->A + first * at->w);
     for (int i = 0; i < g->k; i++) {
         if (g->R)
@@ -212,23 +212,23 @@ static bool solve_levels(const tick_plan *g, const mechanism *of, const double *
         return false;
     for (int i = 0; i < first; i++) {
         const double *own = at->A + i * at->w;
-        double rest = dot(own, at->x, at->w), terms = 0.0;
+        double residual = dot(own, at->x, at->w), terms = 0.0;
         for (int j = 0; j < at->w; j++)
             terms += fabs(own[j] * at->x[j]);
-        if (fabs(rest) > RANK * terms)
+        if (fabs(residual) > RANK * terms)
             return false;
     }
     return true;
 }
 
-/* A velocity of a natural value, within its limits exactly. */
+/* Return a velocity from its natural value, within its limits exactly. */
 static double within(const tick_plan *g, int64_t k, double value, const double *lower,
                      const double *upper)
 {
     return fmin(fmax(value * g->velocity_units[k], lower[k]), upper[k]);
 }
 
-/* Write the passive velocities (p) to x; whether one is beyond a limit by more than round-off. */
+/* Write the passive velocities (p) to x; returns whether one violates a limit beyond round-off. */
 static bool move_passive(const tick_plan *g, const mechanism *of, const double *lower,
                          const double *upper, const double *rates, double *x)
 {
@@ -257,7 +257,7 @@ int tick_room(const tick_plan *g)
     return loops + rows * (w + 1) + 6 * w + 4 * levels + solver;
 }
 
-/* Ask the rows of all levels but the first for the motion of the task with rates `along` (n), too. */
+/* Add the task motion of the rates `along` (n) to the targets of all levels but the first. */
 static void move_along(const tick_plan *g, const mechanism *of, const double *along, double *right)
 {
     for (int t = 0; t < g->m; t++) {
@@ -271,11 +271,11 @@ static void move_along(const tick_plan *g, const mechanism *of, const double *al
 
 int tick_solve(const tick_plan *g, const double *J_T, const double *J_C, const double *targets,
                const double *along, const double *lower, const double *upper, double bound,
-               double *x, double *room)
+               double *x, double *work)
 {
     int p = g->p, n = g->n, s = 0;
     double own[TICK_OWN_ROOM];
-    room = room ? room : own;
+    work = work ? work : own;
     double squares_T = dot(J_T, J_T, g->m * g->N), squares_C = dot(J_C, J_C, g->c * g->N);
     double asked = dot(targets, targets, g->t) + (along ? dot(along, along, g->n) : 0.0);
     if (!(squares_T < INFINITY && squares_C < INFINITY && asked < INFINITY && bound >= 0.0))
@@ -287,7 +287,7 @@ int tick_solve(const tick_plan *g, const double *J_T, const double *J_C, const d
         return TICK_IN_DOUBT;
     if (!fits(asked) || p > g->c || !are_idle(g, J_T, J_C, lower, upper))
         return TICK_IN_DOUBT;
-    mechanism of = {.M = {room, g->c + 1, p + n}};
+    mechanism of = {.M = {work, g->c + 1, p + n}};
     int *limited = (int *)row(of.M, g->c + 1);
     of.J = (matrix){row(of.M, g->c + 1) + p, g->m, n};
     double *task = row(of.J, g->m), *loops = task + g->m * g->N;

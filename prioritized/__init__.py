@@ -1,9 +1,10 @@
-"""Prioritized manipulation of any constrained multibody system, sound or failed.
+"""Prioritized manipulation of any constrained multibody system, healthy or with failed actuators.
 
-A wrong argument raises a ValueError or a TypeError that names it, what it must be, and what came.
+An invalid argument raises a ValueError or a TypeError that names it, the expected value and the
+given one.
 
-Chen, McInroy, Yi, "Optimal, Fault-Tolerant Mappings to Achieve Secondary Goals without
-Compromising Primary Performance" (2003)::
+Chen, McInroy, Yi, "Optimal, Fault-Tolerant Mappings to Achieve Secondary Goals without Compromising
+Primary Performance" (2003)::
 
     paper                code                            shape
     J_T, J_C             J_T, J_C                        (m, N), (c, N)

@@ -1,4 +1,4 @@
-"""Every failure condition of a mechanism, classified at once."""
+"""Classification of all failure conditions of a mechanism in one vectorized call."""
 
 import itertools
 from collections.abc import Iterable, Sequence
@@ -10,48 +10,50 @@ from numpy.typing import ArrayLike, NDArray
 import argument_checks as check
 from argument_checks import Array, Mask
 from prioritized._analysis.major_maps import unweighted
-from prioritized._analysis.worst import Within
+from prioritized._analysis.worst import ActuatorLimits
 from prioritized._mapping.problem import Problem
 from prioritized._mapping.task import task_selection
 from prioritized._mechanism.decisions import MajorTask, respanned
 from prioritized._mechanism.failures import Failures, failed_actuators
 from prioritized._mechanism.motions import Motions, motions_of, with_stiffness
-from prioritized._mechanism.names import Known, known_actuators
+from prioritized._mechanism.names import Aliases, actuator_aliases
 from prioritized._mechanism.task_motion import TaskMotion
 from prioritized._solver.arrays import ReadOnly, transposed
 from prioritized._solver.canonical import canonical
 from prioritized._solver.rank import RANK_TOLERANCE
 from prioritized._system import ConstrainedSystem
 
-SOUND, LOCKED, FREE = 0, 1, 2
+HEALTHY, LOCKED, FREE = 0, 1, 2
 
 MOST_ACTUATORS = 10
-"""With more, all 3^n conditions no longer fit in memory."""
+"""Largest number of actuators for which all 3^n conditions are classified, bounded by memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class Classes(ReadOnly):
-    """Verdicts on each of C conditions, the first axis of all arrays.
+    """Classification of C failure conditions, the first axis of all arrays.
 
-    Flags as in :class:`prioritized.Manipulability`.
+    The flags are those of :class:`prioritized.Manipulability`.
 
     Attributes:
-        possible: The major task is still possible: fully reachable, and no self-motion moves it.
+        possible: Whether the major task is still possible: fully reachable and not moved by any
+            self-motion.
         gains: Major speeds per unit norm of the admissible active rates in the principal
-            directions, descending, zero where out of reach, shape (C, m1). Where the major task is
-            unstable, passive joints follow with the least norm.
-        major_rank: Dimension of the reachable major velocities.
+            directions, descending, zero for unreachable directions, shape (C, m1). Where the major
+            task is unstable, passive joints follow with the least norm.
+        major_rank: Dimension of the space of reachable major velocities.
         secondary_rank: Dimension of the secondary velocities reachable with the major task at rest.
-        lost_secondary: Orthonormal basis of the secondary velocities that are not, columns padded
+        lost_secondary: Orthonormal basis of the unreachable secondary velocities, columns padded
             with zeros, shape (C, m2, m2).
-        self_motion: Orthonormal basis of the task self-motion, columns padded with zeros,
-            shape (C, m, .).
-        gap: Smallest gap of the rank decisions behind the verdicts.
-        worst_speed: Major speed left in the worst direction within the `rate_limits`: the radius of
-            :meth:`prioritized.Kinematics.attainable`, zero where the task is not possible. None
-            without limits.
-        worst_force: Major force likewise, within the `torque_limits`: the radius of
-            :meth:`prioritized.Kinematics.attainable_force`, infinite where the structure bears all.
+        self_motion: Orthonormal basis of the task self-motion, columns padded with zeros, shape (C,
+            m, .).
+        gap: Smallest gap of the rank decisions of the classification.
+        worst_speed: Remaining major speed in the worst direction within the `rate_limits`, the
+            radius of :meth:`prioritized.Kinematics.attainable`; zero where the task is not
+            possible. None without limits.
+        worst_force: Remaining major force in the worst direction within the `torque_limits`, the
+            radius of :meth:`prioritized.Kinematics.attainable_force`; infinite where the structure
+            bears all. None without limits.
     """
 
     possible: Mask
@@ -72,52 +74,49 @@ class Classes(ReadOnly):
 
     @property
     def worst_gain(self) -> Array:
-        """The least of the gains, shape (C,); zero when some direction is out of reach.
-
-        Infinite without rows.
-        """
+        """Least of the gains, shape (C,); zero if unreachable, infinite without major rows."""
         return self.gains.min(axis=1, initial=np.inf)
 
 
 @dataclass(frozen=True, eq=False)
 class FailureAtlas(Classes):
-    """Verdicts of rigid kinematics on failure conditions of a mechanism.
+    """Classification of failure conditions of a mechanism by rigid kinematics.
 
     Attributes:
-        codes: Condition of each actuator, 0 sound, 1 locked, 2 free, shape (C, n).
-        elastic: Verdicts with the springs of the system; None when it has none.
-        known_actuators: The names that each actuator is known by, as in its system.
+        codes: Condition of each actuator, 0 healthy, 1 locked, 2 free, shape (C, n).
+        elastic: Classification with the joint springs of the system; None without springs.
+        actuator_names: Accepted names of each actuator, as in its system.
     """
 
     codes: NDArray[np.int8]
     elastic: Classes | None
-    known_actuators: Known
+    actuator_names: Aliases
 
     def describe(self, row: int) -> str:
-        """The condition of a row in words, such as "knee locked, hip free", or "sound".
+        """Return the condition of a row as text, such as "knee locked, hip free", or "healthy".
 
-        Failures that the system already had are not in it.
+        Failures that the system already had are not included.
         """
         condition = self.codes[check.integer("row", row, len(self.codes))]
         locked, free = (
             frozenset(np.flatnonzero(condition == code).tolist()) for code in (LOCKED, FREE)
         )
-        return Failures(locked, free).in_words(self.known_actuators, ())
+        return Failures(locked, free).describe(self.actuator_names, ())
 
     def row(self, locked: Iterable[int | str] = (), free: Iterable[int | str] = ()) -> int:
-        """Row of the condition with exactly these failures, actuators by number or name.
+        """Return the row of the condition with exactly these failures; actuators by number or name.
 
         Raises:
-            ValueError: The atlas does not hold it, or one actuator both locked and free.
+            ValueError: The atlas lacks this condition, or an actuator is both locked and free.
         """
         condition = np.zeros(self.codes.shape[1], dtype=np.int8)
-        lock, release = failed_actuators(locked, free, self.known_actuators)
+        lock, release = failed_actuators(locked, free, self.actuator_names)
         condition[sorted(lock)] = LOCKED
         condition[sorted(release)] = FREE
-        found = np.flatnonzero((self.codes == condition).all(axis=1))
-        if not found.size:
+        matches = np.flatnonzero((self.codes == condition).all(axis=1))
+        if not matches.size:
             raise ValueError(f"the atlas holds no condition {condition.tolist()}")
-        return int(found[0])
+        return int(matches[0])
 
 
 def failure_atlas(
@@ -129,54 +128,56 @@ def failure_atlas(
     rate_limits: tuple[ArrayLike, ArrayLike] | None = None,
     torque_limits: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> FailureAtlas:
-    """Verdicts on every combination of sound, locked and free actuators, in one vectorized call.
+    """Classify every combination of healthy, locked and free actuators in one vectorized call.
 
     The loops are eliminated once; each condition is then a small problem in the motions that they
-    admit. The verdicts are those of `system.with_failures(...).kinematics().manipulability(major)`:
-    the same decisions. Meant for few degrees of freedom: with a hundred, classifying one condition
-    after the other is faster.
+    admit. The result equals `system.with_failures(...).kinematics().manipulability(major)` of each
+    condition, including the rank decisions. Efficient for few degrees of freedom: for a hundred it
+    is faster to classify one condition after the other.
 
     Args:
         system: The mechanism; failures it already has are part of every condition.
         major: Task rows of the major task, or a matrix of directions (m1, m).
-        secondary: As for :func:`prioritized.velocity_mapping`.
-        codes: Conditions to classify, 0 sound, 1 locked, 2 free, shape (C, n); None is all 3^n,
-            the last actuator's code changing fastest.
+        secondary: Secondary task, as for :func:`prioritized.velocity_mapping`.
+        codes: Conditions to classify, 0 healthy, 1 locked, 2 free, shape (C, n); None is all 3^n,
+            with the last actuator's code changing fastest.
         rate_limits: Lower and upper limits of the rates for `worst_speed`: numbers, (n,), or (C, n)
-            with a row for each condition; None is not to compute it.
-        torque_limits: Of the torques, likewise for `worst_force`.
+            with a row for each condition; None skips `worst_speed`.
+        torque_limits: Limits of the torques for `worst_force`, of the same shapes.
 
     Raises:
-        ValueError: Wrong rows, codes or limits, or more than ten actuators and no codes.
+        ValueError: Invalid rows, codes or limits, or more than ten actuators without codes.
     """
     n = len(check.instance("system", system, ConstrainedSystem).active)
     m = system.J_T.shape[0]
     S_m, S_s = task_selection(major, secondary, m)
     conditions = _conditions(codes, n)
-    known = system.failures
+    existing = system.failures
     locked, free = conditions == LOCKED, conditions == FREE
-    locked[:, sorted(known.locked)] = True
-    free[:, sorted(known.free)] = True
+    locked[:, sorted(existing.locked)] = True
+    free[:, sorted(existing.free)] = True
     active, units = ~locked & ~free, system.geometry.velocity_units[system.active]
-    within = Within(
+    limits = ActuatorLimits(
         active,
         _limits("rate_limits", rate_limits, active.shape, 1.0 / units),
         _limits("torque_limits", torque_limits, active.shape, units),
     )
-    stuck = np.array(sorted(known.locked_passive), dtype=np.intp)
+    stuck = np.array(sorted(existing.locked_passive), dtype=np.intp)
     motions = motions_of(system.geometry, system.active, stuck, (locked, active))
-    rigid = _classes(motions, MajorTask(TaskMotion.of(motions, system.active), S_m, S_s), within)
+    rigid = _classes(motions, MajorTask(TaskMotion.of(motions, system.active), S_m, S_s), limits)
     elastic = None
     if system.stiffness is not None:
-        settled = with_stiffness(motions, system.geometry.stiffness(system.stiffness))
+        elastic_motions = with_stiffness(motions, system.geometry.stiffness(system.stiffness))
         elastic = _classes(
-            settled, MajorTask(TaskMotion.of(settled, system.active), S_m, S_s), within
+            elastic_motions,
+            MajorTask(TaskMotion.of(elastic_motions, system.active), S_m, S_s),
+            limits,
         )
     return FailureAtlas(
         **vars(rigid),
         codes=conditions,
         elastic=elastic,
-        known_actuators=known_actuators(system.names, system.active),
+        actuator_names=actuator_aliases(system.names, system.active),
     )
 
 
@@ -184,17 +185,17 @@ def _conditions(codes: ArrayLike | None, n: int) -> NDArray[np.int8]:
     if codes is None:
         if n > MOST_ACTUATORS:
             raise ValueError(f"codes must be given for more than {MOST_ACTUATORS} actuators: {n}")
-        return np.array(list(itertools.product((SOUND, LOCKED, FREE), repeat=n)), dtype=np.int8)
+        return np.array(list(itertools.product((HEALTHY, LOCKED, FREE), repeat=n)), dtype=np.int8)
     listed = check.array("codes", codes, None, n)
-    if (strange := listed[~np.isin(listed, (SOUND, LOCKED, FREE))]).size:
-        raise ValueError(f"codes must be 0 (sound), 1 (locked) or 2 (free), got {strange[0]:g}")
+    if (strange := listed[~np.isin(listed, (HEALTHY, LOCKED, FREE))]).size:
+        raise ValueError(f"codes must be 0 (healthy), 1 (locked) or 2 (free), got {strange[0]:g}")
     return listed.astype(np.int8)
 
 
 def _limits(
     name: str, value: tuple[ArrayLike, ArrayLike] | None, shape: tuple[int, ...], units: Array
 ) -> tuple[Array, Array] | None:
-    """Lower and upper limits of each condition times these units (n,), shape (C, n) each."""
+    """Return lower and upper limits of each condition times the units (n,), shape (C, n) each."""
     if value is None:
         return None
     lower, upper = check.limits(name, value, shape[1], batch=True)
@@ -203,43 +204,46 @@ def _limits(
     return np.broadcast_to(lower * units, shape), np.broadcast_to(upper * units, shape)
 
 
-def _classes(motions: Motions, task: MajorTask, within: Within) -> Classes:
-    whole = task.task
+def _classes(motions: Motions, task: MajorTask, limits: ActuatorLimits) -> Classes:
+    task_motion = task.task
     m1, m2 = len(task.S_m), len(task.S_s)
-    reach, secondary, moved = task.reach, task.secondary, whole.moved
-    geometry = whole.geometry
-    possible = (reach.rank == m1) & (task.moved.rank == 0)
-    moves = moved.U[..., : moved.kept.shape[1]] * moved.kept[:, None, :]
+    decision, secondary, moved = task.decision, task.secondary, task_motion.moved
+    geometry = task_motion.geometry
+    possible = (decision.rank == m1) & (task.moved.rank == 0)
+    moves = moved.U[..., : moved.significant.shape[1]] * moved.significant[:, None, :]
     self_motion = canonical(respanned(moves, geometry.task_units))
     lost = secondary.U * (np.arange(m2) >= secondary.rank[:, None])[:, None, :]
     gains = np.zeros((len(possible), m1))
-    gains[:, : reach.sigma.shape[1]] = np.where(reach.kept, reach.sigma, 0.0)
+    gains[:, : decision.sigma.shape[1]] = np.where(decision.significant, decision.sigma, 0.0)
     problem = _problem(motions, task)
     return Classes(
         possible=possible,
-        unmanipulable=reach.rank < m1,
-        unmanipulable_task=whole.reach.rank < len(geometry.J_T),
+        unmanipulable=decision.rank < m1,
+        unmanipulable_task=task_motion.decision.rank < len(geometry.J_T),
         unstable=moved.rank > 0,
         unstable_major=task.moved.rank > 0,
         irresolvable=motions.internal > 0,
-        constrained_active=motions.constraints(within.active.sum(axis=1)) > 0,
+        constrained_active=motions.constraints(limits.active.sum(axis=1)) > 0,
         gains=gains * task.measure.gain_unit,
-        major_rank=reach.rank,
+        major_rank=decision.rank,
         secondary_rank=secondary.rank,
         lost_secondary=canonical(respanned(lost, 1.0 / task.secondary_units)),
         self_motion=self_motion,
-        gap=np.minimum(task.gap, np.minimum(whole.reach.gap, moved.gap)),
-        worst_speed=within.speed(problem, possible),
-        worst_force=within.force(problem),
+        gap=np.minimum(task.gap, np.minimum(task_motion.decision.gap, moved.gap)),
+        worst_speed=limits.speed(problem, possible),
+        worst_force=limits.force(problem),
     )
 
 
 def _problem(motions: Motions, task: MajorTask) -> Problem:
-    """Problems 1 and 6 without weights, of rates in natural units."""
-    whole, Z = task.task, motions.admissible
-    forbidden = np.eye(len(whole.rate_units)) - Z @ transposed(Z)
-    J, scale = task.handed_on(whole.J, whole.scale(None), forbidden)
-    Q = whole.moved.U[..., : whole.moved.kept.shape[1]] * whole.moved.kept[:, None, :]
+    """Return Problems 1 and 6 without weights, for rates in natural units."""
+    task_motion, Z = task.task, motions.admissible
+    forbidden = np.eye(len(task_motion.rate_units)) - Z @ transposed(Z)
+    J, scale = task.truncated(task_motion.J, task_motion.scale(None), forbidden)
+    Q = (
+        task_motion.moved.U[..., : task_motion.moved.significant.shape[1]]
+        * task_motion.moved.significant[:, None, :]
+    )
     return unweighted(J, task.S_m, forbidden, Q, scale, RANK_TOLERANCE).natural(
-        whole.task_units, 1.0
+        task_motion.task_units, 1.0
     )

@@ -1,4 +1,4 @@
-"""One mechanism at many postures: its kinematics and velocity mappings in batches."""
+"""Kinematics and velocity mappings of one mechanism at a batch of postures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,56 +17,56 @@ from prioritized._solver.arrays import apply, read_only, transposed
 
 @dataclass(frozen=True, eq=False)
 class Postures:
-    """A mechanism with the same failures at a batch of postures, each of which is as it is alone.
+    """Kinematics of a mechanism with the same failures at a batch of postures.
 
-    Made by :meth:`prioritized.ConstrainedSystem.postures`. Arrays are read-only and computed when
-    first used; their leading axes (...) are those of the batch. Of N velocities n have actuators,
-    q of which failed.
+    Created by :meth:`prioritized.ConstrainedSystem.postures`; each posture has the results that it
+    has alone. Arrays are read-only and computed when first used; their leading axes (...) are those
+    of the batch. Of N velocities n have actuators, q of which failed.
 
     Attributes:
-        each: Kinematics of every posture, in the order of a flattened batch.
+        kinematics: Kinematics of every posture, in the order of a flattened batch.
         lead: Lengths of the batch axes.
     """
 
-    each: tuple[Kinematics, ...]
+    kinematics: tuple[Kinematics, ...]
     lead: tuple[int, ...]
 
     @property
     def actuators(self) -> Indices:
         """Surviving actuators in nominal numbering, shape (n - q,)."""
-        return self.each[0].actuators
+        return self.kinematics[0].actuators
 
     @cached_property
     def J(self) -> Array:
         """Task Jacobian, eq. (14), shape (..., m, n - q)."""
-        return self._stacked([kin.J for kin in self.each])
+        return self._stack([kin.J for kin in self.kinematics])
 
     @cached_property
     def active_constraint(self) -> Array:
-        """Orthonormal rows, eq. (17), below them zeros where others have more, (..., r, n - q)."""
-        return self._stacked(_filled([kin.active_constraint for kin in self.each]))
+        """Orthonormal rows, eq. (17), padded with zero rows, shape (..., r, n - q)."""
+        return self._stack(_filled([kin.active_constraint for kin in self.kinematics]))
 
     @cached_property
     def self_motion(self) -> Array:
-        """Basis of the task motion with every active joint locked, then zeros, (..., m, k)."""
-        return transposed(self._stacked(_filled([kin.self_motion.T for kin in self.each])))
+        """Basis of the task motion with active joints locked, zero-padded, shape (..., m, k)."""
+        return transposed(self._stack(_filled([kin.self_motion.T for kin in self.kinematics])))
 
     @cached_property
     def passive_gain(self) -> Array:
         """Passive rates per active rate, eq. (10), shape (..., N - n + q, n - q)."""
-        return self._stacked([kin.passive_gain for kin in self.each])
+        return self._stack([kin.passive_gain for kin in self.kinematics])
 
     def passive_rates(self, rates: ArrayLike) -> Array:
-        """As :meth:`prioritized.Kinematics.passive_rates`, shape (..., N - n + q).
+        """Return the rates of :meth:`prioritized.Kinematics.passive_rates`, (..., N - n + q).
 
         Args:
-            rates: Of the survivors, shape (n - q,) or (..., n - q), one for each posture.
+            rates: Rates of the survivors, shape (n - q,) or (..., n - q), one for each posture.
         """
         return apply(self.passive_gain, "rates", rates)
 
     def velocities(self, rates: ArrayLike) -> Array:
-        """All velocities in the order of J_T's columns, shape (..., N); arguments likewise."""
-        return self.each[0].system.joints.together(rates, self.passive_rates(rates))
+        """Return all velocities for rates in the order of J_T's columns, shape (..., N)."""
+        return self.kinematics[0].system.joints.together(rates, self.passive_rates(rates))
 
     def velocity_mapping(
         self,
@@ -75,43 +75,43 @@ class Postures:
         joint_weight: ArrayLike | None = None,
         secondary_weight: ArrayLike | None = None,
     ) -> VelocityMapping:
-        """The mapping of every posture at once, with the rank decisions of each.
+        """Return one mapping for all postures, with the rank decisions of each posture.
 
-        As :meth:`prioritized.Kinematics.velocity_mapping`; limits follow by
-        :meth:`prioritized.VelocityMapping.within`. Its gap is that of the mapping alone, its status
-        what holds in all postures; `each` says what the mechanism adds to the first.
+        The arguments are those of :meth:`prioritized.Kinematics.velocity_mapping`; limits are set
+        by :meth:`prioritized.VelocityMapping.with_limits`. The gap is that of the mapping alone,
+        the status holds for all postures; `kinematics` has the gap of each mechanism.
 
         Args:
             major: Task rows of the major task, or a matrix of directions (m1, m).
-            secondary: Likewise of the secondary task, as of :func:`prioritized.velocity_mapping`.
+            secondary: Secondary task, as for :func:`prioritized.velocity_mapping`.
             joint_weight: W1, of all n actuators or the survivors; a matrix may be a batch.
-            secondary_weight: W2 likewise.
+            secondary_weight: W2; a matrix may be a batch.
         """
-        one, each = self.each[0], [kin._reduced for kin in self.each]
-        units = each[0]  # the mechanism's own, at every posture
+        first, reduced = self.kinematics[0], [kin._reduced for kin in self.kinematics]
+        units = reduced[0]  # the mechanism's own, at every posture
         S_m, S_s = task_selection(major, secondary, self.J.shape[-2])
         M = units.measure(S_m).metric
-        J, scale = zip(*(there.decided(S_m, S_s, M) for there in each), strict=True)
-        W1, natural = one._survivors.matrix("joint_weight", joint_weight), self._stacked(J)
+        J, scale = zip(*(kin.truncated_jacobian(S_m, S_s, M) for kin in reduced), strict=True)
+        W1, natural = first._survivors.matrix("joint_weight", joint_weight), self._stack(J)
         mapping = velocity_mapping(natural, major, secondary, W1, secondary_weight, major_metric=M)
         return mapping._in_natural_units(
             units.task_units,
             units.mixed_units,
             J=natural,
-            scale=self._stacked(scale),
-            active_constraint=self._stacked(_filled([there.constraint for there in each])),
-            self_motion=transposed(self._stacked(_filled([there.self_motion.T for there in each]))),
+            scale=self._stack(scale),
+            active_constraint=self._stack(_filled([kin.constraint for kin in reduced])),
+            self_motion=transposed(self._stack(_filled([kin.self_motion.T for kin in reduced]))),
         )
 
-    def _stacked(self, arrays: Array | Sequence[Array | float]) -> Array:
-        """One array of each posture, all of one shape (i, ...), as one (..., i, ...)."""
+    def _stack(self, arrays: Array | Sequence[Array | float]) -> Array:
+        """Stack one array of each posture, all of shape (i, ...), to shape (..., i, ...)."""
         stack = np.array(arrays)
         return read_only(stack.reshape((*self.lead, *stack.shape[1:])))
 
 
 def _filled(rows: list[Array]) -> Array:
-    """Matrices in one array, with rows of zeros below those that have fewer than others."""
+    """Stack matrices in one array, padding those that have fewer rows with zeros."""
     filled = np.zeros((len(rows), max(map(len, rows)), rows[0].shape[1]))
-    for room, A in zip(filled, rows, strict=True):
-        room[: len(A)] = A
+    for row_block, A in zip(filled, rows, strict=True):
+        row_block[: len(A)] = A
     return filled

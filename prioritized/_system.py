@@ -1,4 +1,4 @@
-"""General constrained multibody systems and their actuator failures: sections 2.1 and 2.3."""
+"""General constrained multibody systems and their actuator failures, sections 2.1 and 2.3."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -15,16 +15,16 @@ from prioritized._kinematics import Kinematics
 from prioritized._mechanism.elimination import Joints, Partition, sort_joints
 from prioritized._mechanism.failures import Failures, failed_actuators, stuck_passive
 from prioritized._mechanism.from_model import Mechanism, accuracy_of, arguments_of, tolerance_of
-from prioritized._mechanism.geometry import ACCURACY_PARTS, Accuracy, Elsewhere, Geometry
+from prioritized._mechanism.geometry import ACCURACY_PARTS, Accuracy, Geometry, TransferredAccuracy
 from prioritized._mechanism.names import (
+    Aliases,
     HasNames,
-    Known,
     Names,
+    actuator_aliases,
     checked_names,
-    counted,
-    known_actuators,
-    known_velocities,
+    count_phrase,
     passive_joints,
+    velocity_aliases,
 )
 from prioritized._postures import Postures
 from prioritized._solver.arrays import read_only
@@ -33,9 +33,9 @@ from prioritized._solver.rank import norm
 
 @dataclass(frozen=True, eq=False, init=False)
 class ConstrainedSystem:
-    """v = J_T theta_dot subject to J_C theta_dot = 0, eqs. (2) and (3).
+    """Constrained multibody system v = J_T theta_dot with J_C theta_dot = 0, eqs. (2) and (3).
 
-    Any mechanism: J_C is None for a serial arm, and its rows may be redundant.
+    J_C is None for a serial arm, and its rows may be redundant.
 
     Attributes:
         J_T: Task Jacobian of all generalized velocities, shape (m, N).
@@ -43,10 +43,10 @@ class ConstrainedSystem:
         active: Velocity indices of the n actuated joints, in actuator order.
         rank_tolerance: Singular values below this fraction of the scale of J_T and J_C are zero.
         stiffness: K of the joint springs, shape (N, N), or None for a rigid mechanism.
-        failures: See :meth:`with_failures`.
-        names: Of joints and actuators, or None.
-        geometry_accuracy: What J_T and J_C are accurate to [rad, or relative length], or None.
-        accuracy: Of each entry, and natural units, or None.
+        failures: Failed joints, see :meth:`with_failures`.
+        names: Names of joints and actuators, or None.
+        geometry_accuracy: Accuracy of J_T and J_C [rad, or relative length], or None.
+        accuracy: Accuracy of each entry, and natural units, or None.
     """
 
     J_T: Array
@@ -72,7 +72,7 @@ class ConstrainedSystem:
         geometry_accuracy: float | None = None,
         accuracy: Accuracy | None = None,
     ) -> None:
-        """Take the Jacobians as read-only copies.
+        """Store read-only copies of the Jacobians.
 
         With springs the mechanism is quasi-static and elastic: motion that the loops leave free
         minimizes the potential energy theta^T K theta / 2. Springs of active joints have an effect
@@ -80,24 +80,25 @@ class ConstrainedSystem:
 
         Args:
             J_T: Task Jacobian, shape (m, N).
-            J_C: Constraint Jacobian, shape (c, N); None is none.
+            J_C: Constraint Jacobian, shape (c, N); None is no constraint.
             active: Velocity index of each of the n actuators.
-            rank_tolerance: Fraction of the inputs' scale below which singular values are zero;
-                None is :data:`RANK_TOLERANCE`, which allows for round-off alone.
+            rank_tolerance: Fraction of the inputs' scale below which singular values are zero; None
+                is :data:`RANK_TOLERANCE`, which allows for round-off alone.
             stiffness: K, diagonal (N,) or symmetric positive semidefinite (N, N); None is rigid.
-            failures: Failures from the start; None is none. They are kept by
+            failures: Initial failures; None is a healthy mechanism. They are preserved by
                 `dataclasses.replace(system, J_T=..., J_C=...)`, the same mechanism at another pose.
             names: `names.velocities` are N strings, `names.actuators` n tuples of strings, as in
                 :class:`prioritized._mechanism.names.Names`; None is a mechanism without names.
             geometry_accuracy: Largest error of a joint axis [rad] or of a length, relative. Given
-                instead of `rank_tolerance`, it sets that to ten times itself.
+                instead of `rank_tolerance`, which it sets to ten times its own value.
             accuracy: Errors of the entries, in the unit of each, and natural units, as a
-                :class:`prioritized._mechanism.geometry.Accuracy`; None is round-off alone, units 1.
+                :class:`prioritized._mechanism.geometry.Accuracy`; None is round-off alone and units
+                of 1.
 
         Raises:
-            TypeError: `names` or `failures` is of another type.
-            ValueError: An argument has a wrong shape or index or is not finite; it is named. Or
-                both accuracy and tolerance are given.
+            TypeError: `names` or `failures` has the wrong type.
+            ValueError: An argument has a wrong shape or index or is not finite, or both
+                    accuracy and tolerance are given.
         """
         task = _copy("J_T", J_T)
         N = task.shape[1]
@@ -126,17 +127,17 @@ class ConstrainedSystem:
     def of(
         cls, mechanism: Mechanism, springs: bool = False, *, geometry_accuracy: float | None = None
     ) -> "ConstrainedSystem":
-        """The system of a mechanism that was read from a model, such as `sim.jacobians(...)`.
+        """Return the system of a mechanism read from a model, such as `sim.jacobians(...)`.
 
         Args:
-            mechanism: Has J_T, J_C and active, and optionally names, stiffness and
+            mechanism: Object with J_T, J_C and active, and optionally names, stiffness and
                 geometry_accuracy, each as in the constructor.
-            springs: Whether the joint springs of the mechanism hold what the loops leave free.
+            springs: Whether to include the joint springs of the mechanism.
             geometry_accuracy: As in the constructor; None is that of the mechanism, if it has one.
 
         Raises:
-            TypeError: The mechanism has no J_T, J_C or active, or `springs` is no bool.
-            ValueError: `springs` of a mechanism that has no stiffness, or a wrong array.
+            TypeError: The mechanism has no J_T, J_C or active, or `springs` is not a bool.
+            ValueError: `springs` is set but the mechanism has no stiffness, or an array is invalid.
         """
         return cls(**arguments_of(mechanism, springs, geometry_accuracy))
 
@@ -146,35 +147,35 @@ class ConstrainedSystem:
         free: Iterable[int | str] = (),
         locked_passive: Iterable[int | str] = (),
     ) -> "ConstrainedSystem":
-        """The same mechanism after (further) failures, section 2.3.
+        """Return the same mechanism after (further) failures, section 2.3.
 
         Repeating a failure changes nothing. A later lock overrides free: a free actuator may still
         jam. A linear actuator that locks when it loses torque (the paper's footnote 1) is locked.
 
         Args:
             locked: Actuators whose position is stuck (position failure): numbers, names of
-                actuators or of the joints that they drive, or the words of `str(system)`.
-            free: Actuators that exert no torque (torque failure, free-swinging), likewise. Where
-                several drive one joint, all of them fail.
+                actuators or of the joints that they drive, or the names in `str(system)`.
+            free: Actuators that exert no torque (torque failure, free-swinging), in the same form.
+                Where several drive one joint, all of them fail.
             locked_passive: Passive joints that are stuck: velocity indices, or names of joints,
-                which mean all their velocities.
+                which stand for all their velocities.
 
         Raises:
-            ValueError: An index out of range, a name that is unknown or means several actuators,
-                or one actuator both locked and free in one call.
+            ValueError: An index is out of range, a name is unknown or ambiguous, or an actuator is
+                both locked and free in one call.
         """
         lock, release = failed_actuators(
-            locked, free, self._known_actuators, passive_joints(self.names, self.active)
+            locked, free, self._actuator_aliases, passive_joints(self.names, self.active)
         )
-        stuck = stuck_passive(locked_passive, self._known_velocities, self.active)
+        stuck = stuck_passive(locked_passive, self._velocity_aliases, self.active)
         return self._changed(failures=self.failures.and_also(lock, release, stuck))
 
     def at(self, J_T: ArrayLike | None = None, J_C: ArrayLike | None = None) -> "ConstrainedSystem":
-        """The same mechanism with the same failures at another pose.
+        """Return the same mechanism with the same failures at another pose.
 
-        Both Jacobians must be of closed loops, as after `sim.assemble`. The accuracy stays that of
-        the first pose, its entries spread over rows of the same unit: where it is that of a model,
-        :meth:`at_pose` takes it anew.
+        Both Jacobians must be evaluated with closed loops, as after `sim.assemble`. The accuracy is
+        carried over from the first pose, its entries spread over rows of the same unit; where it
+        comes from a model, use :meth:`at_pose` to update it.
 
         Args:
             J_T: Task Jacobian at that pose, of the same shape as before; None is unchanged.
@@ -186,47 +187,48 @@ class ConstrainedSystem:
         if J_C is not None:
             poses["J_C"] = _copy("J_C", J_C, N)
         if self.accuracy is not None:
-            poses["accuracy"] = Elsewhere.of(self.accuracy, len(poses.get("J_C", self.J_C)))
+            rows = len(poses.get("J_C", self.J_C))
+            poses["accuracy"] = TransferredAccuracy.of(self.accuracy, rows)
         return self._changed(**poses)
 
     def at_pose(self, mechanism: Mechanism) -> "ConstrainedSystem":
-        """The same with the Jacobians of a mechanism that was read anew, and their accuracy.
+        """Return the system with the Jacobians and accuracy of a mechanism that was read again.
 
         Args:
-            mechanism: As for :meth:`of`, of the same velocities and task rows.
+            mechanism: Mechanism as for :meth:`of`, with the same velocities and task rows.
 
         Raises:
             TypeError: The mechanism has no J_T or J_C.
-            ValueError: As :meth:`at`.
+            ValueError: A Jacobian is invalid, see :meth:`at`.
         """
         check.attributes("mechanism", mechanism, "J_T", "J_C")
-        there, accuracy = self.at(mechanism.J_T, mechanism.J_C), accuracy_of(mechanism)
-        return there if accuracy is None else there._changed(accuracy=accuracy)
+        system, accuracy = self.at(mechanism.J_T, mechanism.J_C), accuracy_of(mechanism)
+        return system if accuracy is None else system._changed(accuracy=accuracy)
 
     def postures(self, J_T: ArrayLike, J_C: ArrayLike | None = None) -> Postures:
-        """The same mechanism with the same failures at a batch of postures.
+        """Return the kinematics of the mechanism with the same failures at a batch of postures.
 
-        Each is what `at(J_T[k], J_C[k]).kinematics()` is, with its own rank decisions.
+        Each posture has the results and rank decisions of `at(J_T[k], J_C[k]).kinematics()`.
 
         Args:
             J_T: Task Jacobians, shape (..., m, N).
             J_C: Constraint Jacobians, shape (..., c, N); None is that of this system for all.
 
         Raises:
-            ValueError: An argument has a wrong shape or is not finite, or there is no posture.
+            ValueError: An argument has a wrong shape or is not finite, or the batch is empty.
         """
         m, N = self.J_T.shape
         tasks = check.array("J_T", J_T, ..., m, N, copy=True)
         loops = self.J_C if J_C is None else check.array("J_C", J_C, ..., None, N, copy=True)
         lead = check.common_axes({"J_T": tasks.shape[:-2], "J_C": loops.shape[:-2]})
         if 0 in lead:
-            raise ValueError(f"J_T and J_C must hold a posture at least, got batch axes {lead}")
+            raise ValueError(f"J_T and J_C must hold at least one posture, got batch axes {lead}")
         flat = [
             np.broadcast_to(A, (*lead, *A.shape[-2:])).reshape(prod(lead), *A.shape[-2:])
             for A in (tasks, loops)
         ]
-        each = (self.at(*pair).kinematics() for pair in zip(*flat, strict=True))
-        return Postures(tuple(each), lead)
+        kinematics = (self.at(*pair).kinematics() for pair in zip(*flat, strict=True))
+        return Postures(tuple(kinematics), lead)
 
     def _changed(self, **changes: Any) -> "ConstrainedSystem":
         other = object.__new__(ConstrainedSystem)
@@ -247,14 +249,14 @@ class ConstrainedSystem:
         return np.array(sorted({*locked, *self.failures.locked_passive}), dtype=np.intp)
 
     def kinematics(self, passive_metric: ArrayLike | None = None) -> Kinematics:
-        """Differential kinematics and statics of the surviving actuators, eqs. (12) to (17).
+        """Return differential kinematics and statics of the surviving actuators, eqs. (12) to (17).
 
         Args:
             passive_metric: M, diagonal (N,) or symmetric positive semidefinite (N, N). Self-motion
-                leaves the passive rates undetermined; those that minimize theta_dot^T M theta_dot
-                are taken. None is the identity in natural units, 1 rad of a hinge counting as the
-                mechanism's own length of a slide; the mass matrix gives the motion of a
-                frictionless machine that starts from rest.
+                leaves the passive rates undetermined; the ones that minimize theta_dot^T M
+                theta_dot are chosen. None is the identity in natural units, where 1 rad of a hinge
+                is equivalent to the mechanism's own length of a slide; the mass matrix gives the
+                motion of a frictionless machine that starts from rest.
         """
         metric = _metric("passive_metric", passive_metric, self.J_T.shape[1])
         springs = (
@@ -264,28 +266,28 @@ class ConstrainedSystem:
 
     @cached_property
     def geometry(self) -> Geometry:
-        """J_T and J_C in natural units, and what is decided on them whatever fails."""
+        """J_T and J_C in natural units, with the rank decisions that do not depend on failures."""
         is_stated = self.geometry_accuracy is not None
         return Geometry(self.J_T, self.J_C, self.rank_tolerance, self.accuracy, is_stated)
 
     def __repr__(self) -> str:
-        """One line, for interactive use."""
+        """Return a one-line summary for interactive use."""
         return f"<ConstrainedSystem of {self}>"
 
     def __str__(self) -> str:
-        failures = self.failures.in_words(self._known_actuators, self._known_velocities)
-        velocities = counted(self.J_T.shape[1], "velocity", "velocities")
-        constraints = counted(len(self.J_C), "constraint", "constraints")
-        actuators = counted(len(self.active), "actuator", "actuators")
+        failures = self.failures.describe(self._actuator_aliases, self._velocity_aliases)
+        velocities = count_phrase(self.J_T.shape[1], "velocity", "velocities")
+        constraints = count_phrase(len(self.J_C), "constraint", "constraints")
+        actuators = count_phrase(len(self.active), "actuator", "actuators")
         return f"{velocities}, {constraints}, {actuators}: {failures}."
 
     @cached_property
-    def _known_actuators(self) -> Known:
-        return known_actuators(self.names, self.active)
+    def _actuator_aliases(self) -> Aliases:
+        return actuator_aliases(self.names, self.active)
 
     @property
-    def _known_velocities(self) -> Known:
-        return known_velocities(self.names, self.J_T.shape[1])
+    def _velocity_aliases(self) -> Aliases:
+        return velocity_aliases(self.names, self.J_T.shape[1])
 
     @cached_property
     def _joints(self) -> Joints:
@@ -297,7 +299,7 @@ class ConstrainedSystem:
 def _copy(
     name: str, value: ArrayLike, columns: int | None = None, rows: int | None = None
 ) -> Array:
-    """A read-only copy of one finite matrix, row after row."""
+    """Return a read-only, C-contiguous copy of one finite matrix."""
     if (  # the common case, at every tick
         check.is_plain(value)
         and value.ndim == 2

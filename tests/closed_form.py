@@ -1,4 +1,4 @@
-"""Independent oracle: mass, damping and stiffness of the hexapod at the payload, by hand.
+"""Closed-form mass, damping and stiffness of the hexapod at the payload, an independent oracle.
 
 Twist [omega; v] of the payload origin in world axes. Struts turn about their bottom nodes q; the
 node p at the top moves with d = v + omega x a, of which d_par = u.d stretches the strut and
@@ -19,7 +19,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """M, C, K at the payload, shape (6, 6) each, and A in l_dot = A twist."""
+    """Matrices M, C, K at the payload, shape (6, 6) each, and A in l_dot = A twist."""
 
     M: np.ndarray
     C: np.ndarray
@@ -27,13 +27,13 @@ class ClosedForm:
     A: np.ndarray
 
     def modes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Undamped frequencies [Hz], ascending, and their damping ratios."""
+        """Return undamped frequencies [Hz], ascending, and their damping ratios."""
         lower = -np.linalg.solve(self.M, np.hstack([self.K, self.C]))
         return modes_of(np.vstack([np.eye(6, 12, 6), lower]))
 
 
 def modes_of(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies [Hz], ascending, and damping ratios of the oscillating poles."""
+    """Return frequencies [Hz], ascending, and damping ratios of the oscillating poles."""
     poles = np.linalg.eigvals(state)
     poles = poles[poles.imag > 0]
     poles = poles[np.argsort(np.abs(poles))]
@@ -41,7 +41,7 @@ def modes_of(state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def cross(a: np.ndarray) -> np.ndarray:
-    """Matrix of a x."""
+    """Return the matrix of the cross product a x."""
     return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
 
 

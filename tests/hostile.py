@@ -1,6 +1,6 @@
-"""Hostile arguments of all that is public end in one sentence that names them, or finite numbers.
+"""Attack every public argument: each call ends in one sentence that names it, or finite numbers.
 
-What is attacked follows from signatures: good values are defaults, or those that a room adds.
+What is attacked follows from signatures: valid values are defaults, or those that a room adds.
 """
 
 import dataclasses
@@ -36,20 +36,20 @@ ANYWHERE = [
     *(np.zeros((1, 1, 1, 1, 1)), np.zeros((0, 3)), np.ones(99), [np.ma.masked, 1.0]),
     np.ones((1, 1)).view(np.matrix),  # as a seed it ended the process
 ]
-"""What is put in place of any argument."""
+"""Values that replace any argument."""
 FEW = (None, "text", np.nan, -1, np.ones(99))
 THIN = {
     *map(label, (*FEW, [], object(), 0.0, 1e308, [np.ma.masked, 1.0])),
     *("as bools", "masked", "with inf", "scaled by -1", "a row more", "a batch of two"),
 }
-"""Names of one of each kind."""
+"""Names of one value of each kind."""
 SCALES = (0.0, -1.0, 5e-324, 1e-310, 1e-308, 1e-200, 1e-160, 1e-100, 1e100, 1e160, 1e300)
 POSITIVE = (5e-324, np.inf)
 PLANTED = (np.nan, np.inf, 1e308, 1e160, 5e-324, 1e-310, 1j)
 
 
 def hostile(good: Any) -> Iterator[tuple[str, Any]]:
-    """Values to put in place of a good one, each with its name."""
+    """Yield replacements of a valid value, each with its name."""
     for value in ANYWHERE:
         if not (callable(good) and callable(value)):  # a function's own errors are its own
             yield label(value), value
@@ -63,7 +63,7 @@ def hostile(good: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _bent(good: np.ndarray) -> Iterator[tuple[str, Any]]:
-    """The good array spoilt: scaled, one number planted, other shapes, masked."""
+    """Yield modified copies of a valid array: scaled, with one bad number, other shapes, masked."""
     for factor in SCALES:
         yield f"scaled by {factor:g}", good * factor
     for number in PLANTED:
@@ -86,11 +86,11 @@ def _bent(good: np.ndarray) -> Iterator[tuple[str, Any]]:
 
 
 Wrong = dict[str, tuple[str, Any]]
-"""Arguments, each with the name of a hostile value, and the value."""
+"""Arguments, each with the name of its hostile value, and the value."""
 
 
 class Target(NamedTuple):
-    """A callable with good arguments, of which those of these names are attacked."""
+    """Callable with valid arguments, of which those with these names are attacked."""
 
     label: str
     call: Callable[..., Any]
@@ -98,31 +98,31 @@ class Target(NamedTuple):
     names: Sequence[str]
 
     def values(self, name: str, *, thin: bool) -> list[tuple[str, Any]]:
-        """All that is hostile in place of an argument, or one of each kind."""
+        """Return all hostile values of an argument, or one of each kind."""
         return [each for each in hostile(self.good[name]) if not thin or each[0] in THIN]
 
     def ones(self, *, thin: bool) -> Iterator[Wrong]:
-        """Each argument in turn."""
+        """Yield each argument in turn."""
         return ({name: each} for name in self.names for each in self.values(name, thin=thin))
 
     def twos(self) -> Iterator[Wrong]:
-        """Every pair of arguments, each with a few values of all kinds in its place."""
+        """Yield every pair of arguments, each with a few values of all kinds."""
         for first, second in itertools.combinations(self.names, 2):
             for one, other in itertools.product(FEW, FEW):
                 yield {first: (label(one), one), second: (label(other), other)}
 
-    def drawn(self, data: st.DataObject) -> Wrong:
-        """Any two arguments, each with any of one of each kind."""
+    def sample(self, data: st.DataObject) -> Wrong:
+        """Sample any two arguments with one value of each kind."""
         pair = data.draw(st.sampled_from(list(itertools.combinations(self.names, 2))))
         return {name: data.draw(st.sampled_from(self.values(name, thin=True))) for name in pair}
 
 
 Found = dict[str, tuple[Callable[..., Any], type | None]]
-"""Callables by name, each with the class it is a method of."""
+"""Callables by name, each with the class that it is a method of."""
 
 
 def public(*places: Any, trusted: Iterable[str] = ()) -> Found:
-    """What takes arguments of modules, or as given; nobody makes protocols, errors, and enums."""
+    """Return the public callables of modules and given ones, without protocols, errors, enums."""
     found: Found = {}
     for place in places:
         if isinstance(place, ModuleType):
@@ -145,7 +145,7 @@ def public(*places: Any, trusted: Iterable[str] = ()) -> Found:
 
 
 def _parameters(function: Callable[..., Any], owner: type | None) -> dict[str, Any]:
-    """Defaults of the parameters by their names, `empty` of those that must be given."""
+    """Return the defaults of the parameters by name, `empty` for required ones."""
     parameters = list(inspect.signature(function).parameters.values())[owner is not None :]
     various = inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL
     return {each.name: each.default for each in parameters if each.kind not in various}
@@ -153,7 +153,7 @@ def _parameters(function: Callable[..., Any], owner: type | None) -> dict[str, A
 
 @dataclass(frozen=True, kw_only=True)
 class Room:
-    """All that is attacked of a package, and what its calls need.
+    """Everything that is attacked in a package, with the values that its calls need.
 
     Attributes:
         found: What is attacked.
@@ -186,7 +186,7 @@ class Room:
     slow: Iterable[str] = ()
 
     def targets(self, name: str) -> Iterator[Target]:
-        """A callable with each set of good arguments; no parameter may be in none of them."""
+        """Yield a callable with each set of valid arguments, which must cover all parameters."""
         parameters = _parameters(*self.found[name])
         options = "**" in str(inspect.signature(self.found[name][0]))
         attacked = set[str]()
@@ -226,7 +226,7 @@ class Room:
         return used
 
     def attack(self, name: str, *, pairs: bool = False) -> None:
-        """Attack each argument of a callable, and every pair of them."""
+        """Attack each argument of a callable, and every pair of arguments."""
         complaints = list[str | None]()
         for target in self.targets(name):
             answer = target.call(**target.good)  # else nothing would be attacked
@@ -241,10 +241,10 @@ class Room:
         several = [name for name in self.found if len(_parameters(*self.found[name])) > 1]
         of_one = self.targets(data.draw(st.sampled_from(several)))
         target = data.draw(st.sampled_from([each for each in of_one if len(each.names) > 1]))
-        assert not (said := self.complaint(target, target.drawn(data))), said
+        assert not (message := self.complaint(target, target.sample(data))), message
 
     def complaint(self, target: Target, wrong: Wrong) -> str | None:
-        """What is wrong with the outcome of one call; None where nothing is."""
+        """Return what is wrong with the outcome of one call, or None."""
         what = self._outcome(target, {name: value for name, (_, value) in wrong.items()})
         put = " and ".join(f"{name} = {called}" for name, (called, _) in wrong.items())
         return f"{target.label}: {put}: {what}" if what else None
@@ -269,15 +269,15 @@ class Room:
 
     def _strange(self, error: Exception, names: Iterable[str]) -> str | None:
         text = str(error)
-        named = "must" in text and any(re.search(rf"\b{name}\b", text) for name in names)
+        listed = "must" in text and any(re.search(rf"\b{name}\b", text) for name in names)
         if type(error) in self.hard and "\n" not in text:
             return None
-        if type(error) not in self.errors or not named or "\n" in text or len(text) > 300:
+        if type(error) not in self.errors or not listed or "\n" in text or len(text) > 300:
             return f"raised {type(error).__name__}: {text[:200]!r}"
         return None
 
     def _not_finite(self, path: str, value: Any) -> Iterator[str]:
-        """Where an answer holds NaN or infinity."""
+        """Yield where an answer contains NaN or infinity."""
         if isinstance(value, np.ndarray | np.generic | float):
             array = np.ravel(value)
             wrong = np.isnan if path.endswith(self.unbounded) else lambda x: ~np.isfinite(x)
@@ -295,7 +295,7 @@ class Room:
 
 
 def one_by_one(room: Callable[[], Room], found: Found) -> Callable[..., None]:
-    """The test that a hostile argument is named or harmless; by night of all pairs, too."""
+    """Return the test that a hostile argument is named or harmless; long for all pairs."""
     pairs = [False, pytest.param(True, marks=[pytest.mark.long, pytest.mark.night])]
 
     @pytest.mark.parametrize("pairs", pairs)
@@ -307,7 +307,7 @@ def one_by_one(room: Callable[[], Room], found: Found) -> Callable[..., None]:
 
 
 def two_at_once(room: Callable[[], Room]) -> Callable[[], None]:
-    """The test that so are two of them, any of one of each kind."""
+    """Return the test that two hostile arguments of any kind are named or harmless."""
 
     @examples(1000)
     @given(st.data())

@@ -1,4 +1,4 @@
-"""Oracles of bounded lexicographic least squares: plain, slow, and without the library.
+"""Oracles of bounded lexicographic least squares: simple, slow, and independent of the library.
 
 Given levels (A_1, b_1), (A_2, b_2), ..., bounds lower <= x <= upper, and perhaps rows G with
 lo <= G x <= hi: among the x that keep bounds and rows, minimize |A_1 x - b_1|; among the
@@ -19,11 +19,11 @@ from scipy.optimize import nnls
 
 Levels = Sequence[tuple[np.ndarray, np.ndarray]]
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""G (r, n), lo (r,), hi (r,)."""
+"""Inequality rows G (r, n), lo (r,), hi (r,)."""
 
 RANK = 1e-11
 FEASIBLE = 1e-11
-"""Of 1 + |x|: by so much a candidate may miss a limit or an equation."""
+"""Violation of a limit or an equation, relative to 1 + |x|, up to which a candidate is feasible."""
 
 
 # One level on one active set.
@@ -34,20 +34,20 @@ def _norm(A: np.ndarray) -> float:
 
 
 def _svd(A: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """U, sigma, V of the singular values above RANK times the scale, and a basis of the rest."""
+    """Return U, sigma, V of singular values above RANK times the scale, and a null-space basis."""
     U, sigma, Vt = np.linalg.svd(A)
     rank = np.count_nonzero(sigma > RANK * scale)
     return U[:, :rank], sigma[:rank], Vt[:rank].T, Vt[rank:].T
 
 
 def _solution(A: np.ndarray, b: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
-    """Least-squares solution of A x = b with the least norm, and a basis of the null space of A."""
+    """Return the least-norm least-squares solution of A x = b, and a null-space basis of A."""
     U, sigma, V, Z = _svd(A, scale)
     return V @ ((U.T @ b) / sigma), Z
 
 
 def _minimizer(E: np.ndarray, e: np.ndarray, A: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Among all x with E x = e that minimize |A x - b|, the one with the least norm."""
+    """Return the least-norm minimizer of |A x - b| with E x = e."""
     x, Z = _solution(E, e, scale=1.0)
     # Relative to A: where A Z is round-off, E decides A x already.
     y, _ = _solution(A @ Z, b - A @ x, _norm(A))
@@ -71,19 +71,19 @@ def _with_least_norm(levels: Levels, n: int) -> list[tuple[np.ndarray, np.ndarra
 
 
 def _constraints(lower: np.ndarray, upper: np.ndarray, rows: Rows | None) -> Rows:
-    """Bounds and rows as one: G x between lo and hi, each row of norm one; zero rows left out."""
+    """Return bounds and rows as lo <= G x <= hi, with rows of norm one and without zero rows."""
     G, lo, hi = np.eye(len(lower)), np.asarray(lower, float), np.asarray(upper, float)
     if rows is not None:
         size = np.linalg.norm(rows[0], axis=1)
-        kept = size > 0
-        G = np.vstack([G, rows[0][kept] / size[kept, None]])
-        lo = np.append(lo, rows[1][kept] / size[kept])
-        hi = np.append(hi, rows[2][kept] / size[kept])
+        retained = size > 0
+        G = np.vstack([G, rows[0][retained] / size[retained, None]])
+        lo = np.append(lo, rows[1][retained] / size[retained])
+        hi = np.append(hi, rows[2][retained] / size[retained])
     return G, lo, hi
 
 
 def _sides(G: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All finite limits as G x <= top."""
+    """Return all finite limits as G x <= top."""
     G, top = np.vstack([G, -G]), np.append(hi, -lo)
     return G[np.isfinite(top)], top[np.isfinite(top)]
 
@@ -93,7 +93,7 @@ def _sides(G: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, n
 
 @dataclass(frozen=True)
 class Known:
-    """Of B problems: x (B, n), the gap of the ranks (zero where none is found), condition."""
+    """Solutions of B problems: x (B, n), gap of the ranks (zero if none was found), condition."""
 
     x: np.ndarray
     gap: np.ndarray
@@ -101,7 +101,7 @@ class Known:
 
 
 class _Inverse:
-    """Singular values of matrices (P, k, n) beside those up to `least`, (P,)."""
+    """Pseudo-inverses of matrices (P, k, n), with singular values up to `least` set to zero."""
 
     def __init__(self, A: np.ndarray, least: np.ndarray) -> None:
         self.U, sigma, self.Vt = np.linalg.svd(A, full_matrices=False)
@@ -123,13 +123,13 @@ def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def sizes(A: np.ndarray) -> np.ndarray:
-    """Of each matrix, also where squares underflow."""
+    """Return the norm of each matrix, also if squares underflow."""
     most = abs(A).max(axis=(-2, -1), initial=0.0)
     return most * np.linalg.norm(A / np.where(most > 0, most, 1.0)[:, None, None], axis=(-2, -1))
 
 
 def enumerated(levels: Levels, lower: np.ndarray, upper: np.ndarray) -> Known:
-    """Solutions of B problems, levels (B, k, n) and (B, k), bounds (B, n): every active set tried.
+    """Solve B problems, levels (B, k, n) and (B, k), bounds (B, n), by enumerating active sets.
 
     An active set leaves a least-squares problem in the free unknowns, with the levels before as
     equations E x = e, each level's rows over their size. The best that keeps the bounds is the
@@ -142,25 +142,25 @@ def enumerated(levels: Levels, lower: np.ndarray, upper: np.ndarray) -> Known:
     possible &= np.where(low == high, cases < 0, True)
     of, which = np.nonzero(possible.all(axis=2))
     active = cases[which]
-    held = np.where(active < 0, lower[of], np.where(active > 0, upper[of], 0.0))
+    fixed = np.where(active < 0, lower[of], np.where(active > 0, upper[of], 0.0))
     free = active == 0
     E, e = np.zeros((count, 0, n)), np.zeros((count, 0))
     x, gap, condition = np.zeros((count, n)), np.full(count, np.inf), np.ones(count)
     for A, b in [*levels, (np.zeros((count, 0, n)), np.zeros((count, 0)))]:
         size = sizes(A) + (sizes(A) == 0)
         A, b = A / size[:, None, None], b / size[:, None]
-        kept = _Inverse(A, np.full(count, RANK)).Vt
-        A = A @ kept.mT @ kept  # or what does not count would choose among large x
+        retained = _Inverse(A, np.full(count, RANK)).Vt
+        A = A @ retained.mT @ retained  # or what does not count would choose among large x
         earlier = _Inverse(E[of] * free[:, None], np.full(len(of), RANK))
-        y = held + earlier.solve(e[of] - times(E[of], held))
-        rest = free[:, :, None] * np.eye(n) - earlier.Vt.mT @ earlier.Vt
-        level = _Inverse(A[of] @ rest, np.full(len(of), RANK))
+        y = fixed + earlier.solve(e[of] - times(E[of], fixed))
+        others = free[:, :, None] * np.eye(n) - earlier.Vt.mT @ earlier.Vt
+        level = _Inverse(A[of] @ others, np.full(len(of), RANK))
         y = y + level.solve(b[of] - times(A[of], y))
         slack = FEASIBLE * (1 + np.linalg.norm(y, axis=1))
-        kept = np.maximum(lower[of] - y, y - upper[of]).max(axis=1) <= slack
-        kept &= np.abs(times(E[of], y) - e[of]).max(axis=1, initial=0.0) <= slack
+        retained = np.maximum(lower[of] - y, y - upper[of]).max(axis=1) <= slack
+        retained &= np.abs(times(E[of], y) - e[of]).max(axis=1, initial=0.0) <= slack
         value = np.linalg.norm(times(A[of], y) - b[of] if len(b[0]) else y, axis=1)
-        value[~kept] = np.inf
+        value[~retained] = np.inf
         best = np.full(count, np.inf)
         np.minimum.at(best, of, value)
         gap[np.isinf(best)] = 0.0
@@ -178,7 +178,7 @@ def enumerated(levels: Levels, lower: np.ndarray, upper: np.ndarray) -> Known:
 def by_active_sets(
     levels: Levels, lower: np.ndarray, upper: np.ndarray, rows: Rows | None = None
 ) -> np.ndarray:
-    """The answer x (n,) of one problem, :func:`enumerated`; n plus the number of rows up to 6.
+    """Solve one problem, x (n,), by :func:`enumerated`; for n plus the number of rows up to 6.
 
     Rows are a first level G x = s of more unknowns s; x is the least before s is. NaN where
     round-off leaves no case within the bounds.
@@ -199,7 +199,7 @@ def by_active_sets(
 def by_interior_point(
     levels: Levels, lower: np.ndarray, upper: np.ndarray, rows: Rows | None = None
 ) -> np.ndarray:
-    """The answer x (n,) by one quadratic program a level, for any n: Clarabel, at 1e-12.
+    """Solve one problem, x (n,), by a quadratic program per level: Clarabel, at 1e-12.
 
     The solver's point only is near an optimum, and says in which order limits are likely to bind:
     by the ratio of slack and multiplier. With the first 0, 1, 2, ... of them as equations a level
@@ -231,7 +231,7 @@ def by_interior_point(
 def _program(
     A: np.ndarray, b: np.ndarray, former: _Former, G: np.ndarray, top: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Minimize |A x - b| over E x = e and G x <= top: x, and limits by slack / multiplier."""
+    """Minimize |A x - b| with E x = e and G x <= top; return x and active limits."""
     import clarabel
     from scipy.sparse import csc_array
 
@@ -256,11 +256,11 @@ def _program(
             [clarabel.NonnegativeConeT(len(top))],
             settings,
         )
-        found = solver.solve()
-        if str(found.status) in {"Solved", "AlmostSolved"}:
-            ratio = np.array(found.s) / np.maximum(np.array(found.z), 1e-300)
-            return x + Z @ to_y @ np.array(found.x), np.argsort(ratio)
-    raise RuntimeError(f"Clarabel ended with {found.status}")
+        result = solver.solve()
+        if str(result.status) in {"Solved", "AlmostSolved"}:
+            ratio = np.array(result.s) / np.maximum(np.array(result.z), 1e-300)
+            return x + Z @ to_y @ np.array(result.x), np.argsort(ratio)
+    raise RuntimeError(f"Clarabel ended with {result.status}")
 
 
 # The conditions of an optimum.
@@ -274,7 +274,7 @@ def _kkt(
     top: np.ndarray,
     x: np.ndarray,
 ) -> tuple[float, np.ndarray]:
-    """How far x is from minimizing |A x - b| over E x = e and G x <= top, and the multipliers.
+    """Return the KKT residual of minimizing |A x - b| with E x = e and G x <= top, and multipliers.
 
     The largest of how far it is beyond a limit, of the part of the gradient that no multiplier
     balances, and of a multiplier times its distance from the limit.
@@ -285,12 +285,12 @@ def _kkt(
     reached = room <= 1e-8 * unit
     _, Z = _solution(former.E, former.e, scale=1.0)
     descent = -Z.T @ (A.T @ (A @ x - b)) / size
-    multipliers, rest = np.zeros(len(top)), float(_norm(descent))
+    multipliers, others = np.zeros(len(top)), float(_norm(descent))
     if reached.any() and len(descent):
-        multipliers[reached], rest = nnls(Z.T @ G[reached].T, descent)
+        multipliers[reached], others = nnls(Z.T @ G[reached].T, descent)
     off = max(-room.min(initial=0.0), np.abs(former.E @ x - former.e).max(initial=0.0))
     balance = np.abs(multipliers * room).max(initial=0.0)
-    return max(float(off / unit), float(rest), float(balance / unit)), multipliers
+    return max(float(off / unit), float(others), float(balance / unit)), multipliers
 
 
 def certificate(
@@ -300,7 +300,7 @@ def certificate(
     x: np.ndarray,
     rows: Rows | None = None,
 ) -> float:
-    """Largest residual of Karush, Kuhn and Tucker's conditions of x (n,), level by level, then |x|.
+    """Return the largest KKT residual of x (n,), level by level, then of |x|.
 
     Level k is a convex problem with the earlier levels' A_j x as equations, so that these
     conditions prove its optimum: its gradient A^T (A x - b) is a combination of the rows A_j and,

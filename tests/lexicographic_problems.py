@@ -27,19 +27,19 @@ def random_problem(
     n: int,
     kinds: Sequence[str] = ("any rank", "any rank"),
     bounds: str = "mixed",
-    reach: float = 1.0,
+    extent: float = 1.0,
     rows: int = 0,
 ) -> Problem:
-    """A feasible problem in n unknowns with one level of each kind.
+    """Return a feasible problem in n unknowns with one level of each kind.
 
     Args:
-        rng: Where the numbers come from.
-        n: Unknowns.
+        rng: Random generator.
+        n: Number of unknowns.
         kinds: Of each level, from `KINDS`. "any rank" has singular values from 0.5 to 2 and zeros;
             "nearly singular" has one of 1e-4; "redundant rows" repeats combinations of rows;
             "dependent levels" repeats combinations of the rows before, in part; "zero" is A = 0.
         bounds: "mixed": finite, infinite on one side or both, equal; "finite" or "none".
-        reach: How far targets are, in bounds: below 1, some x within the bounds meets b, another x
+        extent: How far targets are, in bounds: below 1, some x within the bounds meets b, another x
             for each level; above, limits hold most levels back, and every other b is met by no x.
         rows: Number of rows G, which a point within the bounds keeps.
     """
@@ -55,10 +55,10 @@ def random_problem(
     levels: list[tuple[np.ndarray, np.ndarray]] = []
     for kind in kinds:
         A = _level(rng, kind, n, [A for A, _ in levels])
-        goal = reach * (rng.uniform(-1, 1, n) if reach < 1 else rng.normal(size=n))
-        b = A @ (np.clip(goal, lower, upper) if reach < 1 else goal)
-        if reach >= 1:
-            b = b + reach * rng.normal(size=len(b)) * rng.integers(0, 2)  # no x at all, or some x
+        goal = extent * (rng.uniform(-1, 1, n) if extent < 1 else rng.normal(size=n))
+        b = A @ (np.clip(goal, lower, upper) if extent < 1 else goal)
+        if extent >= 1:
+            b = b + extent * rng.normal(size=len(b)) * rng.integers(0, 2)  # no x at all, or some x
         levels.append((A, b))
     if not rows:
         return Problem(tuple(levels), lower, upper)
@@ -70,14 +70,14 @@ def random_problem(
 
 @st.composite
 def problems(draw: st.DrawFn, most: int = 6) -> Problem:
-    """Any of :func:`random_problem`; n plus the number of rows is at most `most`."""
+    """Sample any :func:`random_problem`; n plus the number of rows is at most `most`."""
     n = draw(st.integers(1, most))
     kinds = draw(st.lists(st.sampled_from(KINDS), min_size=1, max_size=3))
     bounds = draw(st.sampled_from(["finite", "none", "mixed"]))
-    reach = draw(st.sampled_from([0.3, 0.9, 3.0, 100.0]))
+    extent = draw(st.sampled_from([0.3, 0.9, 3.0, 100.0]))
     rows = draw(st.integers(0, min(2, most - n)))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    return random_problem(rng, n, kinds, bounds, reach, rows)
+    return random_problem(rng, n, kinds, bounds, extent, rows)
 
 
 def _level(rng: np.random.Generator, kind: str, n: int, earlier: list[np.ndarray]) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Motions on the manifold of positions, and slopes along them."""
+"""Motions on the manifold of positions, and derivatives along them."""
 
 from collections.abc import Callable
 

@@ -1,7 +1,7 @@
-"""Random mechanisms whose ranks are drawn, and oracles that eliminate nothing.
+"""Random mechanisms of sampled ranks, and oracles without elimination.
 
-Sizes and ranks are drawn integers, that shrink; entries come from a seed.  What is not zero by rank
-is between 0.5 and 2, so that 1e-8 separates zero from the rest.
+Sizes and ranks are sampled integers, which shrink; entries come from a seed. Singular values that
+are not zero by rank are between 0.5 and 2, so that 1e-8 separates them from zero.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ ZERO = 1e-8
 
 
 def bits(rng: np.random.Generator, A: np.ndarray) -> np.ndarray:
-    """The same numbers with other last bits, as another processor might compute them."""
+    """Perturb the last bits of numbers, as another processor might."""
     return A * (1 + 4e-16 * rng.integers(-3, 4, size=np.shape(A)))
 
 
@@ -25,21 +25,21 @@ def orthogonal(rng: np.random.Generator, size: int) -> np.ndarray:
 
 
 def of_rank(rng: np.random.Generator, rows: int, columns: int, rank: int) -> np.ndarray:
-    """A matrix with `rank` singular values between 0.5 and 2, and no others."""
+    """Return a matrix with `rank` singular values between 0.5 and 2, and no others."""
     U, V = orthogonal(rng, rows)[:, :rank], orthogonal(rng, columns)[:rank]
     return U * rng.uniform(0.5, 2.0, size=rank) @ V
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """A system, the ranks it was made from, and numbers for whatever else the test needs."""
+class RandomSystem:
+    """Random system with the ranks that it was constructed from, and a generator for the test."""
 
     system: ConstrainedSystem
-    reach: int  # dimension of the task velocities that the actuators reach
+    reachable: int  # dimension of the task velocities that the actuators reach
     bound: int  # number of active rates that the loops forbid
     internal: int  # dimension of the internal forces
     self_motion: int  # dimension of the task motion with every active joint held
-    idle: int  # dimension of the passive motion that the task does not see
+    unobservable: int  # dimension of the passive motion that the task does not see
     rng: np.random.Generator
 
 
@@ -50,39 +50,39 @@ def systems(
     actives: tuple[int, int] = (1, 4),
     tasks: tuple[int, int] = (1, 6),
     self_motion: bool = True,
-) -> Drawn:
-    """Any mechanism: redundant rows, self-motion, idle joints, bound actuators, lost directions."""
+) -> RandomSystem:
+    """Sample redundant rows, self-motion, unobservable joints, tied actuators, lost directions."""
     n, m = draw(st.integers(*actives)), draw(st.integers(*tasks))
-    held = draw(st.integers(0, 3))
+    fixed = draw(st.integers(0, 3))
     moved = draw(st.integers(0, min(m, 2))) if self_motion else 0
-    idle = draw(st.integers(0, 1)) if self_motion else 0
-    p = held + moved + idle
+    unobservable = draw(st.integers(0, 1)) if self_motion else 0
+    p = fixed + moved + unobservable
     bound, redundant = draw(st.integers(0, min(n, 2))), draw(st.integers(0, 2))
     lost = draw(st.integers(0, min(m, n - bound, 2)))
     rng = np.random.default_rng(draw(SEEDS))
 
-    c = held + bound + redundant
+    c = fixed + bound + redundant
     U, V = orthogonal(rng, c), orthogonal(rng, p)
-    J_Cp = U[:, :held] * rng.uniform(0.5, 2.0, size=held) @ V[:, :held].T
+    J_Cp = U[:, :fixed] * rng.uniform(0.5, 2.0, size=fixed) @ V[:, :fixed].T
     forbidden = of_rank(rng, bound, n, bound)
-    J_Ca = U[:, :held] @ rng.normal(size=(held, n)) + U[:, held : held + bound] @ forbidden
-    J_Tp = rng.normal(size=(m, held)) @ V[:, :held].T
-    J_Tp += of_rank(rng, m, p - held, moved) @ V[:, held:].T
+    J_Ca = U[:, :fixed] @ rng.normal(size=(fixed, n)) + U[:, fixed : fixed + bound] @ forbidden
+    J_Tp = rng.normal(size=(m, fixed)) @ V[:, :fixed].T
+    J_Tp += of_rank(rng, m, p - fixed, moved) @ V[:, fixed:].T
     Z = np.linalg.svd(forbidden)[2][bound:].T
-    reach = min(m, n - bound) - lost
-    J = of_rank(rng, m, n - bound, reach) @ Z.T + rng.normal(size=(m, bound)) @ forbidden
+    reachable = min(m, n - bound) - lost
+    J = of_rank(rng, m, n - bound, reachable) @ Z.T + rng.normal(size=(m, bound)) @ forbidden
     J_Ta = J + J_Tp @ np.linalg.pinv(J_Cp, rcond=ZERO) @ J_Ca
 
     order = rng.permutation(n + p)
     J_T, J_C = np.empty((m, n + p)), np.empty((c, n + p))
     J_T[:, order], J_C[:, order] = np.hstack([J_Ta, J_Tp]), np.hstack([J_Ca, J_Cp])
     system = ConstrainedSystem(J_T, J_C, order[:n])
-    return Drawn(system, reach, bound, bound + redundant, moved, idle, rng)
+    return RandomSystem(system, reachable, bound, bound + redundant, moved, unobservable, rng)
 
 
 @st.composite
 def failures(draw: st.DrawFn, system: ConstrainedSystem) -> ConstrainedSystem:
-    """The system with each actuator sound, locked or free, and perhaps a passive joint stuck."""
+    """Sample each actuator healthy, locked or free, and perhaps a stuck passive joint."""
     n, N = len(system.active), system.J_T.shape[1]
     codes = draw(st.lists(st.integers(0, 2), min_size=n, max_size=n))
     passive = sorted(set(range(N)) - set(system.active.tolist()))
@@ -93,7 +93,7 @@ def failures(draw: st.DrawFn, system: ConstrainedSystem) -> ConstrainedSystem:
 
 @st.composite
 def springs(draw: st.DrawFn, N: int, rng: np.random.Generator) -> np.ndarray:
-    """R of K = R^T R: springs on some joints, or between joints, of any rank."""
+    """Sample R of K = R^T R: springs on some joints, or between joints, of any rank."""
     if draw(st.booleans()):
         on = draw(st.lists(st.booleans(), min_size=N, max_size=N))
         return np.diag(rng.uniform(0.5, 2.0, size=N) * on)
@@ -101,26 +101,26 @@ def springs(draw: st.DrawFn, N: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def with_stiffness(system: ConstrainedSystem, K: np.ndarray) -> ConstrainedSystem:
-    """The same mechanism with springs; its failures stay."""
+    """Return the same mechanism with springs and the same failures."""
     known = system.failures
     made = ConstrainedSystem(system.J_T, system.J_C, system.active, stiffness=K)
     return made.with_failures(known.locked, known.free, known.locked_passive)
 
 
 def rows_of(data: st.DataObject, m: int) -> list[int]:
-    """Any major rows, at least one."""
+    """Sample major rows, at least one."""
     return data.draw(st.lists(st.integers(0, m - 1), min_size=1, unique=True))
 
 
-def major_and_rest(data: st.DataObject, m: int) -> tuple[list[int], list[int]]:
-    """Any major rows, at least one; and the others, in ascending order."""
+def major_and_secondary(data: st.DataObject, m: int) -> tuple[list[int], list[int]]:
+    """Sample major rows, at least one; return also the others, in ascending order."""
     major = rows_of(data, m)
     return major, sorted(set(range(m)) - set(major))
 
 
 @st.composite
 def weights(draw: st.DrawFn, size: int, rng: np.random.Generator) -> np.ndarray | None:
-    """None, a diagonal with zeros in it, or a matrix of any height and rank."""
+    """Sample None, a diagonal with zeros in it, or a matrix of any height and rank."""
     kind = draw(st.sampled_from(["none", "diagonal", "matrix"]))
     if kind == "none":
         return None
@@ -139,7 +139,7 @@ def as_matrix(W: np.ndarray | None, size: int) -> np.ndarray:
 
 @st.composite
 def pairs(draw: st.DrawFn, n: int, *, infinite: bool = True) -> tuple[np.ndarray, np.ndarray]:
-    """Limits of n actuators: around zero, one-sided, on zero, equal, off zero, infinite."""
+    """Sample limits of n actuators: around zero, one-sided, on zero, equal, off zero, infinite."""
     rng = np.random.default_rng(draw(SEEDS))
     lower, upper = -rng.uniform(0.5, 2.0, size=n), rng.uniform(0.5, 2.0, size=n)
     kinds = ["two-sided", "two-sided", "pull", "lock", "jam", "off zero"]

@@ -1,4 +1,4 @@
-"""Spaces of motions and forces by dense algebra in all coordinates: nothing is eliminated."""
+"""Spaces of motions and forces by dense algebra in all coordinates, without elimination."""
 
 from collections.abc import Sequence
 
@@ -9,23 +9,23 @@ from tests.random_systems import ZERO
 
 
 def null(A: np.ndarray) -> np.ndarray:
-    """Null space of a matrix whose singular values are zero or far above 1e-8."""
+    """Return the null space of a matrix whose singular values are zero or far above 1e-8."""
     _, sigma, Vt = np.linalg.svd(A)
     return Vt[np.count_nonzero(sigma > ZERO) :].T
 
 
 def projector(basis: np.ndarray) -> np.ndarray:
-    """What two orthonormal bases of one space have in common."""
+    """Return the orthogonal projector, which all orthonormal bases of a space have in common."""
     return basis @ basis.T
 
 
 def assert_same(one: np.ndarray, two: np.ndarray, atol: float = 1e-6) -> None:
-    """Two orthonormal bases of one space."""
+    """Assert that two orthonormal bases span one space."""
     np.testing.assert_allclose(projector(one), projector(two), atol=atol)
 
 
 def assert_spans(basis: np.ndarray, made: np.ndarray, atol: float = 1e-6) -> None:
-    """An orthonormal basis of what the columns of a matrix span."""
+    """Assert that an orthonormal basis spans the columns of a matrix."""
     beyond = projector(null(made.T))
     np.testing.assert_allclose(projector(basis), np.eye(len(made)) - beyond, atol=atol)
 
@@ -33,7 +33,7 @@ def assert_spans(basis: np.ndarray, made: np.ndarray, atol: float = 1e-6) -> Non
 def dense_lexicographic(
     hard: np.ndarray, levels: Sequence[tuple[np.ndarray, np.ndarray]]
 ) -> np.ndarray:
-    """Least |A x - b| for each level in turn inside hard x = 0, by nested null-space bases."""
+    """Minimize |A x - b| for each level in turn with hard x = 0, by nested null-space bases."""
     basis = null(hard)
     x = np.zeros(hard.shape[1])
     for A, b in levels:
@@ -45,22 +45,22 @@ def dense_lexicographic(
 
 
 def stuck_joints(system: ConstrainedSystem) -> list[int]:
-    """Velocity indices of all joints that cannot move."""
+    """Return the velocity indices of all joints that cannot move."""
     locked = system.active[sorted(system.failures.locked)].tolist()
     return sorted({*locked, *system.failures.locked_passive})
 
 
 def closure(system: ConstrainedSystem) -> np.ndarray:
-    """Section 2.3.2: J_C with a unit row under it for each stuck joint."""
+    """Return J_C with a unit row for each stuck joint, section 2.3.2."""
     return np.vstack([system.J_C, np.eye(system.J_T.shape[1])[stuck_joints(system)]])
 
 
 def motions(system: ConstrainedSystem) -> np.ndarray:
-    """Orthonormal basis of all generalized velocities that the mechanism allows."""
+    """Return an orthonormal basis of all generalized velocities that the mechanism allows."""
     return null(closure(system))
 
 
 def self_motions(system: ConstrainedSystem, kin: Kinematics) -> np.ndarray:
-    """Orthonormal basis of those with every active joint held, in all coordinates."""
-    held = np.eye(system.J_T.shape[1])[kin.active]
-    return null(np.vstack([closure(system), held]))
+    """Return an orthonormal basis of motions with every active joint locked, in all coordinates."""
+    fixed = np.eye(system.J_T.shape[1])[kin.active]
+    return null(np.vstack([closure(system), fixed]))

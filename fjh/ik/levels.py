@@ -39,7 +39,7 @@ class Levels(NamedTuple):
             ValueError: No level, an empty level, or a task twice.
         """
         if not isinstance(levels, Sequence) or isinstance(levels, str) or not len(levels):
-            raise ValueError(f"tasks must be a list of tasks, got {check.shown(levels)}")
+            raise ValueError(f"tasks must be a list of tasks, got {check.short_repr(levels)}")
         tasks = tuple(
             (level,)
             if isinstance(level, TaskFunction)
@@ -143,7 +143,7 @@ class Targets(NamedTuple):
                 error = located.error(self.model, data)
                 is_plain = check.is_plain(error) and error.shape == (size,)
                 if not (is_plain and check.is_moderate(error)):  # of a user-defined task
-                    error = check.array(f"the error of {check.shown(task)}", error, size)
+                    error = check.array(f"the error of {check.short_repr(task)}", error, size)
                 velocity = task.gain / period_s * error
                 requested[rows] = velocity if among is None else velocity[among]
         return check.array("velocity targets from the errors of the tasks in dt", requested)
@@ -166,6 +166,6 @@ def _weight(task: TaskFunction, size: int) -> Array:
     """Return the weight of each row, shape (k,)."""
     weight = np.asarray(1.0 if task.weight is None else task.weight)
     if weight.ndim and len(weight) != size:
-        label = check.shown(task)
+        label = check.short_repr(task)
         raise ValueError(f"weight of {label} must be one number or {size}, got {len(weight)}")
     return np.broadcast_to(weight, (size,))

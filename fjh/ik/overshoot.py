@@ -68,7 +68,7 @@ class StepTest(NamedTuple):
         before, allowed = np.zeros((0, len(units))), 0.0
         above = np.zeros((0, len(J)))
         for k, (parts, level) in enumerate(
-            zip(hierarchy.asked.levels, self.targets.levels, strict=True)
+            zip(hierarchy.specs.levels, self.targets.levels, strict=True)
         ):
             tasks = [
                 (p.matrix, p.S, q) for p, q in zip(parts, level, strict=True) if p.S is not None

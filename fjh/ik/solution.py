@@ -72,12 +72,12 @@ class IkProblem:
             # Finite differences make no null space exact: damping avoids division by round-off.
             sizes = [float(np.linalg.norm(B)) for B in self.damping_rows]
             first = next(k for k, size in enumerate(sizes) if size)
-            sizes[first + 1 :] = [size for _, size in posed.decided[first + 1 :]]
+            sizes[first + 1 :] = [size for _, size in posed.weighted_rows[first + 1 :]]
             damping = tuple(
                 max(level_damping, _LEAST * size)
                 for level_damping, size in zip(posed.damping, sizes, strict=True)
             )
-            posed = replace(posed, held_back=self.damping_rows, damping=damping)
+            posed = replace(posed, damping_rows=self.damping_rows, damping=damping)
         return posed.solve(self.targets)
 
 
@@ -141,7 +141,7 @@ class IkSolution:
 
     def __str__(self) -> str:
         """Return the status as text, with active limits and the error due to damping."""
-        sentences = [self.solution.in_words(self.at_limits)]
+        sentences = [self.solution.describe(self.at_limits)]
         if exceeded := self.exceeded:
             sentences.append(f"Beyond a limit, or too fast to stop before it: {listed(exceeded)}.")
         if not self.is_led_back:

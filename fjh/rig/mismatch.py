@@ -124,7 +124,7 @@ def sizes_of(mismatch: Known | Mismatch, everything: Mismatch, unknown: Sequence
     sizes = by_name.get(mismatch) if isinstance(mismatch, str) else mismatch
     if not isinstance(sizes, Mismatch):
         raise WrongInput(
-            f'mismatch must be "exact", "all" or a Mismatch, got {check.shown(mismatch)}'
+            f'mismatch must be "exact", "all" or a Mismatch, got {check.short_repr(mismatch)}'
         )
     for name in unknown:
         if getattr(sizes, name) != getattr(EXACT, name):

@@ -127,13 +127,13 @@ def _changes(
     )
     if len(times) != len(failures):
         expected = f"a time for each of {len(failures)} failures"
-        raise ValueError(f"told must be {expected}, got {check.shown(informed)}")
+        raise ValueError(f"told must be {expected}, got {check.short_repr(informed)}")
     changes = dict[int, list[tuple[Fault, bool]]]()
     for failure, known_s in zip(failures, times, strict=True):
         for at_s, is_known in ((failure.time_s, False), (known_s, True)):
             if at_s is not None:
                 if check.number("told", at_s) < failure.time_s:
-                    given = check.shown(informed)
+                    given = check.short_repr(informed)
                     raise ValueError(f"told must be no times before the failures, got {given}")
                 tick = tick_of(at_s, rig.period_s)
                 changes.setdefault(tick, []).append((Fault.of(failure), is_known))

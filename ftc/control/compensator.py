@@ -111,7 +111,7 @@ def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) 
     channel = check.instance("plant", plant, control.StateSpace)
     if not channel.issiso() or not channel.isctime():
         raise ValueError(
-            f"plant must be continuous, with one input and output, got {check.shown(plant)}"
+            f"plant must be continuous, with one input and output, got {check.short_repr(plant)}"
         )
     check.instance("shape", shape, LoopShape)
     if shape.crossover_hz >= 0.5 / check.number("period_s", period_s, *check.SECONDS):

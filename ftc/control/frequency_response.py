@@ -60,7 +60,7 @@ def channels(
     """Check that a list holds `count` channels (None: any number) with a common period."""
     if not isinstance(loops, list | tuple) or len(loops) != (count or len(loops)):
         expected = "channels" if count is None else f"{count} channels, one for each major row"
-        raise ValueError(f"{name} must be a list of {expected}, got {check.shown(loops)}")
+        raise ValueError(f"{name} must be a list of {expected}, got {check.short_repr(loops)}")
     for loop in loops:
         if sampled(name, loop, 1, 1).dt != loops[0].dt:
             raise ValueError(f"{name} must have one period, got {loop.dt} and {loops[0].dt} s")

@@ -313,7 +313,7 @@ class PrioritizedMapping(Generic[Pose]):
         # The residual may depend on singular values that `Tick` treats as zero.
         now = self.at(pose)
         J, limited = now.kinematics.J, now.limited
-        limited = limited.within(remaining) if self.form == "gauss_newton" else limited
+        limited = limited.with_limits(remaining) if self.form == "gauss_newton" else limited
         rates = limited.solve(*step.targets(J[self._secondary])).rates
         return self._on_all(step.here + rates), step.major - J[self._major].dot(rates)
 

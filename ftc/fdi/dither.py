@@ -160,7 +160,8 @@ def _with_sensors(
             row, noise = candidate
         except (TypeError, ValueError):
             raise ValueError(
-                "candidates must be pairs of a row and its noise, got " + check.shown(candidate)
+                "candidates must be pairs of a row and its noise, got "
+                + check.short_repr(candidate)
             ) from None
         rows.append(check.array("candidates", row, nominal.plant.nstates))
         sigmas.append(check.number("candidates", noise, check.SMALLEST))
@@ -190,7 +191,7 @@ class Cost:
         if most.shape not in ((), (len(task),)) or (most <= 1e-120).any():
             raise ValueError(
                 f"largest_task_motion must be one positive number or {len(task)}, got "
-                f"{check.shown(self.largest_task_motion)}"
+                f"{check.short_repr(self.largest_task_motion)}"
             )
         object.__setattr__(self, "task", task)
         object.__setattr__(self, "largest_task_motion", check.frozen(most))

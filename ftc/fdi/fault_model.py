@@ -73,7 +73,7 @@ def by_kind(faults: Sequence[Fault]) -> dict[str, list[int]]:
 def of_actuators(faults: Sequence[Fault], n: int) -> Sequence[Fault]:
     """Check that `faults` is a list of faults of n actuators, and return it."""
     if not isinstance(faults, list | tuple):
-        raise TypeError(f"faults must be a list of faults, got {check.shown(faults)}")
+        raise TypeError(f"faults must be a list of faults, got {check.short_repr(faults)}")
     for item in faults:
         fault = check.instance("each fault in faults", item, Fault)
         check.integer("actuator of each fault in faults", fault.actuator, n)
@@ -141,7 +141,7 @@ class NominalModel:
         if not (k and n and plant.noutputs and mechanical) or plant.D.any() or not plant.isctime():
             raise ValueError(
                 "plant must be continuous with states [q; q_dot] and no feedthrough, got "
-                f"{check.shown(plant)}"
+                f"{check.short_repr(plant)}"
             )
         shapes = {"displacement": (n, s), "feedback": (n, s), "spring": (n, s)}
         shapes |= {"holding": (n,), "preload": (n,), "noise": (plant.noutputs,), "floor": (k, 3)}

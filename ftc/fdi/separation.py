@@ -117,7 +117,7 @@ def checked_frequencies(nominal: NominalModel, name: str, value: ArrayLike) -> A
     if hz.ndim != 1 or not hz.size or not (hz > 1e-9 * nyquist_hz).all() or hz.max() >= nyquist_hz:
         raise ValueError(
             f"{name} must lie between zero and half the control frequency, {nyquist_hz:g} Hz, got "
-            f"{check.shown(value)}"
+            f"{check.short_repr(value)}"
         )
     return hz
 
@@ -144,7 +144,7 @@ def steady_states(models: list[FaultModel], period_s: float, frequencies_hz: Arr
     except np.linalg.LinAlgError:
         raise ValueError(
             "frequency_hz must not be that of an undamped mode, failures included, got "
-            f"{check.shown(frequencies_hz.tolist())}"
+            f"{check.short_repr(frequencies_hz.tolist())}"
         ) from None
     return states.astype(complex, copy=False)
 

@@ -1,1 +1,1 @@
-"""What failures and limits leave: manipulability, attainable sets, the worst case."""
+"""Effect of failures and limits: manipulability, attainable sets, worst case."""

@@ -1,4 +1,4 @@
-"""What limits of rates leave of the major velocities, and limits of torques of the major forces."""
+"""Attainable major velocities within rate limits, and major forces within torque limits."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -20,17 +20,15 @@ from prioritized._solver.rank import RANK_TOLERANCE
 
 
 def corners(normal: Array, distance: Array) -> Array:
-    """Corners (V, k) of the bounded set {z : normal @ z <= distance}, each once.
+    """Return the corners (V, k) of the bounded set {z : normal @ z <= distance}, each once.
 
-    In the plane counter-clockwise.
-
-    No rows where the set has no interior.
+    In the plane they are ordered counter-clockwise. No rows if the set has no interior.
 
     Args:
-        normal: Shape (F, k).
-        distance: Shape (F,); what is infinite bounds nothing.
+        normal: Normals of the half-spaces, shape (F, k).
+        distance: Their distances, shape (F,); infinite ones bound nothing.
     """
-    # Together they take as long to import as all of the library.
+    # Imported here: together they take as long to import as the whole library.
     from scipy.optimize import linprog
     from scipy.spatial import ConvexHull, HalfspaceIntersection
 
@@ -41,7 +39,7 @@ def corners(normal: Array, distance: Array) -> Array:
         return np.zeros((1, k))
     A, b = normal[real] / length[real, None], distance[real] / length[real]
     size = np.abs(b).max() or 1.0
-    # Equal actuators give equal half-spaces, whose corners would be as many as round-off makes.
+    # Equal actuators give equal half-spaces; round-off would split their corners.
     once = _distinct(np.column_stack([A, b / size]))
     A, b = A[once], b[once]
     # The center of the largest ball inside.
@@ -51,45 +49,45 @@ def corners(normal: Array, distance: Array) -> Array:
         b_ub=b / size,
         bounds=[(None, None)] * k + [(None, 1.0)],
     )
-    if not inside.success or inside.x[k] < ACCURACY:  # thinner ones have no inside for qhull
+    if not inside.success or inside.x[k] < ACCURACY:  # qhull needs an interior
         return np.zeros((0, k))
     if k == 1:
         lowest, highest = -b[A[:, 0] < 0].min(), b[A[:, 0] > 0].min()
         return np.array([[lowest], [highest]])
-    met = HalfspaceIntersection(np.column_stack([A, -b / size]), inside.x[:k]).intersections
-    met = met[_distinct(met)]
-    return size * met[ConvexHull(met).vertices]
+    vertices = HalfspaceIntersection(np.column_stack([A, -b / size]), inside.x[:k]).intersections
+    vertices = vertices[_distinct(vertices)]
+    return size * vertices[ConvexHull(vertices).vertices]
 
 
 def in_order(corners: Array) -> Array:
-    """Corners (V, k) in an order that is the same on every processor.
+    """Sort corners (V, k) so that the order does not depend on the processor.
 
-    In the plane they stay in theirs and begin with the last of the lexicographic order; elsewhere
-    the order is lexicographic.
+    In the plane the order is preserved and starts with the lexicographically last corner; otherwise
+    it is lexicographic.
     """
     order = ascending(*corners.T, zero=ACCURACY * np.abs(corners).max(initial=0.0))
     return np.roll(corners, -order[-1], axis=0) if corners.shape[1] == 2 else corners[order]
 
 
 def _distinct(points: Array) -> Indices:
-    """The first of each set of equal points (P, k) of a size of one, in their order."""
-    alike = np.stack([ranks(column, zero=ACCURACY) for column in points.T], axis=1)
-    return np.sort(np.unique(alike, axis=0, return_index=True)[1])
+    """Return the index of the first of each set of equal points (P, k) of unit size, in order."""
+    groups = np.stack([ranks(column, zero=ACCURACY) for column in points.T], axis=1)
+    return np.sort(np.unique(groups, axis=0, return_index=True)[1])
 
 
 BLOCK = 2**20
-"""Numbers at once in the support of many directions: few enough for the cache."""
+"""Largest number of elements in one block of support evaluations, chosen to fit the cache."""
 
 
 class AttainableStatus(Enum):
-    """What the radius of an attainable set means; the value is a sentence."""
+    """Meaning of the radius of an attainable set; the value is a sentence."""
 
     INTERIOR = "every major direction is possible within the limits, up to the radius at least"
-    OUT_OF_REACH = (
+    UNREACHABLE = (
         "the actuators that the limits let move do not reach every major direction: drop major "
         "rows, or restore an actuator"
     )
-    NOT_INTERIOR = "the limits leave no room about zero in some major direction"
+    NOT_INTERIOR = "the limits exclude a neighborhood of zero in some major direction"
     SELF_MOTION = (
         "the major task can move with every actuator locked, so that no velocity of it can be "
         "commanded: brake a joint, drop major rows, or give the system the stiffness that resists "
@@ -100,20 +98,19 @@ class AttainableStatus(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Attainable(ReadOnly):
-    """The major velocities, or forces, {G x : C x = 0, lower <= x <= upper}.
+    """Set of attainable major velocities, or forces, {G x : C x = 0, lower <= x <= upper}.
 
-    A convex polytope, known to control allocation as the attainable moment set. Made by
+    A convex polytope, in control allocation the attainable moment set. Created by
     :meth:`prioritized.Kinematics.attainable` and :meth:`prioritized.Kinematics.attainable_force`.
 
     Attributes:
         gain: G, major velocity or force per x, shape (m1, n').
         constraint: C, shape (r, n').
-        lower: Limits of x: rates, or torques followed by the forces that the structure bears
-            without torque, which have none, shape (n',). In natural units where rates are of two
-            kinds.
-        upper: Likewise.
-        scale: Size of what G was made from.
-        rank_tolerance: Fraction of it below which a singular value of G is zero.
+        lower: Lower limits of x: rates, or torques followed by unlimited forces that the structure
+            bears without torque, shape (n',). In natural units where rates are of two kinds.
+        upper: Upper limits of x.
+        scale: Size of the matrices that G was computed from.
+        rank_tolerance: Fraction of the scale below which a singular value of G is zero.
         self_motion: Whether the major task moves with every actuator locked.
     """
 
@@ -127,21 +124,21 @@ class Attainable(ReadOnly):
 
     @property
     def status(self) -> AttainableStatus:
-        """What the radius means."""
+        """Meaning of the radius."""
         if self._empty:
             return AttainableStatus.EMPTY
         if self.self_motion:
             return AttainableStatus.SELF_MOTION
         if self._rank < len(self.gain):
-            return AttainableStatus.OUT_OF_REACH
+            return AttainableStatus.UNREACHABLE
         return AttainableStatus.INTERIOR if self.radius else AttainableStatus.NOT_INTERIOR
 
     @cached_property
     def radius(self) -> float:
-        """Of the largest ball about zero in the set, infinite where no limit bounds it.
+        """Radius of the largest ball about zero in the set, infinite where no limit bounds it.
 
-        Zero where zero is not in the interior, and where self-motion moves the major task, because
-        no velocity can then be commanded, whatever the set; the status says which.
+        Zero if zero is not in the interior, and if self-motion moves the major task, because no
+        velocity can then be commanded; the status distinguishes the cases.
         """
         if self._empty or self.self_motion or self._rank < len(self.gain):
             return 0.0
@@ -149,15 +146,15 @@ class Attainable(ReadOnly):
 
     @property
     def bounded(self) -> bool:
-        """Whether limits hold every direction. No torque holds what the structure bears."""
+        """Return whether the set is bounded; forces borne by the structure are not."""
         axes = np.eye(len(self.gain))
         return bool((self.support(np.vstack([axes, -axes])) < np.inf).all())
 
     def support(self, direction: ArrayLike) -> Array:
-        """How far the set extends along d: the largest d . v over its v, shape (...).
+        """Return the support function of the set, the largest d . v over its v, shape (...).
 
-        A speed or force for a unit d, otherwise proportional to its norm. Infinite where no limit
-        is in the way, minus infinity where the set is empty.
+        It is a speed or force for a unit d, otherwise proportional to its norm. Infinite where no
+        limit bounds the direction, minus infinity where the set is empty.
 
         Args:
             direction: d, shape (..., m1).
@@ -173,12 +170,11 @@ class Attainable(ReadOnly):
 
     @cached_property
     def vertices(self) -> Array:
-        """Corners of the set, shape (V, m1), each once: in the plane counter-clockwise.
+        """Corners of the set, shape (V, m1), each once; in the plane counter-clockwise.
 
-        There the first is that of the largest first coordinate; otherwise they ascend.
-
-        No rows where the set is empty or unbounded, or where the constraints hold some x at their
-        limits, so that it is flatter than what the actuators reach.
+        In the plane the first one has the largest first coordinate; otherwise they ascend. No rows
+        if the set is empty or unbounded, or if the constraints fix some x at their limits, so that
+        the set has a lower dimension than the actuators reach.
         """
         P, k = self._polytope, self._rank
         if self._empty or not self.bounded:
@@ -212,7 +208,7 @@ class Attainable(ReadOnly):
         P = self._polytope
         if not P.consistent:
             return True
-        if (P.lower <= 0.0).all() and (P.upper >= 0.0).all():  # x = 0 will do
+        if (P.lower <= 0.0).all() and (P.upper >= 0.0).all():  # x = 0 is in the set
             return False
         bounds = facets(P, 0, self._constraints)
         return bool((bounds.distance < -RANK_TOLERANCE * bounds.size).any())
@@ -222,7 +218,7 @@ class Attainable(ReadOnly):
         return dual_vertices(self._polytope, self._rank, self._constraints)
 
     def _support(self, D: Array) -> Array:
-        """Support in directions D (B, m1) of a set that is not empty."""
+        """Return the support in directions D (B, m1) of a set that is not empty."""
         P = self._polytope
         c = np.einsum("bm,kmn->bkn", D, self._dual)
         zero = P.tolerance * self.scale * np.linalg.norm(D, axis=-1)[:, None, None]
@@ -232,12 +228,12 @@ class Attainable(ReadOnly):
 def attainable(
     of: MajorMap, limits: Limits, rank_tolerance: float, *, self_motion: bool = False
 ) -> Attainable:
-    """The set of one map within limits of its x.
+    """Return the set of one map within limits of its x.
 
     Raises:
-        ValueError: Its facets are too many to be listed.
+        ValueError: It has too many facets to be enumerated.
     """
     G, C, lower, upper = with_free(of, limits[0], limits[1], int(of.dimension))
-    made = Attainable(G, C, lower, upper, float(of.scale), rank_tolerance, self_motion)
-    refuse_too_many(made._polytope)
-    return made
+    result = Attainable(G, C, lower, upper, float(of.scale), rank_tolerance, self_motion)
+    refuse_too_many(result._polytope)
+    return result

@@ -1,9 +1,9 @@
-"""What limits on x leave of G x where C x = 0: facets, the ball about zero, support.
+"""Facets, ball about zero and support of {G x : C x = 0, lower <= x <= upper}.
 
-Leading axes are batch axes. With c = G^T d + C^T y the farthest point along d lies, by the duality
-of linear programming, at the least h(d, y) = sum_i max(lower_i c_i, upper_i c_i) over y. The
-half-spaces d . v <= h(d, y) of any (d, y) hold the set; those normal to the facets of {[G; C] x :
-lower <= x <= upper} make it up. Such a normal is orthogonal to rank - 1 independent columns.
+Leading axes are batch axes. With c = G^T d + C^T y, linear programming duality gives the
+largest d . v as the least h(d, y) = sum_i max(lower_i c_i, upper_i c_i) over y. The half-spaces
+d . v <= h(d, y) of all (d, y) contain the set; it is the intersection of those normal to the facets
+of {[G; C] x : lower <= x <= upper}. Such a normal is orthogonal to rank - 1 independent columns.
 """
 
 import itertools
@@ -18,11 +18,11 @@ from prioritized._solver.arrays import transposed
 from prioritized._solver.rank import RANK_TOLERANCE, ranked_svd
 
 MOST_CHOICES = 100_000
-"""Of columns that a facet may be orthogonal to; with more, facets take too long to list."""
+"""Largest number of column sets that are enumerated for the facets."""
 
 
 def refuse_too_many(P: Polytope) -> None:
-    """Raise where facets or the support would take too long.
+    """Raise if the facets or the support would take too long to compute.
 
     Raises:
         ValueError: More than :data:`MOST_CHOICES` sets of columns.
@@ -32,18 +32,19 @@ def refuse_too_many(P: Polytope) -> None:
         for k in (m1 + r - 1, r):
             if k > 0 and comb(n, k) > MOST_CHOICES:
                 raise ValueError(
-                    f"major must leave at most {MOST_CHOICES} sets of actuators to be tried, got "
+                    f"major must leave at most {MOST_CHOICES} sets of actuators to enumerate, got "
                     f"{comb(n, k)}: {k} of {n}"
                 )
 
 
 class Facets(NamedTuple):
-    """Half-spaces normal @ z <= distance with v = offset + U sigma z, of which every facet is one.
+    """Half-spaces normal @ z <= distance with v = offset + U sigma z that include every facet.
 
     Attributes:
-        normal: Shape (..., F, k); zero for what bounds no v: then `distance` must not be negative.
+        normal: Shape (..., F, k); zero if v is not bounded: then `distance` must not be
+            negative.
         distance: Infinite where there is no bound, shape (..., F).
-        size: Sum of the terms of `distance`, which it is accurate against, shape (..., F).
+        size: Sum of the absolute terms of `distance`, the scale of its round-off, shape (..., F).
     """
 
     normal: Array
@@ -52,22 +53,22 @@ class Facets(NamedTuple):
 
 
 def facets(P: Polytope, k: int, r: int) -> Facets:
-    """Facets of polytopes whose G has rank k and whose C has rank r.
+    """Return the facets of polytopes whose G has rank k and whose C has rank r.
 
-    With k = 0 only whether the limits allow C x = 0: no distance must then be negative.
+    With k = 0 they express only whether the limits allow C x = 0: no distance must be negative.
     """
     E = np.concatenate([P.Vt[..., :k, :], P.rows[..., :r, :]], axis=-2)
     rank, n = E.shape[-2:]
     if not rank:
-        none = np.zeros((*E.shape[:-2], 0))
-        return Facets(np.zeros((*none.shape, 0)), none, none)
-    # The rows are orthonormal, so that ranks are decided against one. A decision too many that
-    # columns are independent does no harm: any (d, y) gives a half-space that holds the set.
+        empty = np.zeros((*E.shape[:-2], 0))
+        return Facets(np.zeros((*empty.shape, 0)), empty, empty)
+    # The rows are orthonormal, so that the scale of ranks is one. Wrongly independent columns do
+    # no harm: any (d, y) gives a half-space that contains the set.
     spanned = np.moveaxis(E[..., _choices(n, rank - 1)], -2, -3)
-    decided = ranked_svd(spanned, 1.0, P.tolerance, full=True)
-    w = decided.U[..., -1]
+    svd = ranked_svd(spanned, 1.0, P.tolerance, full=True)
+    w = svd.U[..., -1]
     w = np.concatenate([w, -w], axis=-2)
-    proper = np.concatenate([decided.rank, decided.rank], axis=-1) == rank - 1
+    proper = np.concatenate([svd.rank, svd.rank], axis=-1) == rank - 1
     lower, upper = P.lower[..., None, :], P.upper[..., None, :]
     c = w @ E
     distance = np.where(proper, farthest(c, lower, upper, P.tolerance), np.inf)
@@ -77,39 +78,39 @@ def facets(P: Polytope, k: int, r: int) -> Facets:
 
 
 def ball(P: Polytope, r: int) -> Array:
-    """Radius of the largest ball about v = 0 in polytopes of full rank m1, C of rank r, (...)."""
+    """Return the radius of the largest ball about v = 0 in polytopes with C of rank r, (...)."""
     m1 = P.offset.shape[-1]
     normal, distance, size = facets(P, m1, r)
     d = (normal / P.sigma[..., None, :m1]) @ transposed(P.U)
     shift = (d @ P.offset[..., None])[..., 0]
-    room, length = distance + shift, np.linalg.norm(d, axis=-1)
-    # Round-off is no room, and no lack of it where d = 0.
-    room = np.where(np.abs(room) <= RANK_TOLERANCE * (size + np.abs(shift)), 0.0, room)
-    radius = np.divide(room, length, out=np.where(room < 0.0, 0.0, np.inf), where=length > 0.0)
+    slack, length = distance + shift, np.linalg.norm(d, axis=-1)
+    # Round-off is neither slack nor, where d = 0, infeasibility.
+    slack = np.where(np.abs(slack) <= RANK_TOLERANCE * (size + np.abs(shift)), 0.0, slack)
+    radius = np.divide(slack, length, out=np.where(slack < 0.0, 0.0, np.inf), where=length > 0.0)
     return np.maximum(radius.min(axis=-1, initial=np.inf), 0.0)
 
 
 def dual_vertices(P: Polytope, k: int, r: int) -> Array:
-    """Every G - Y C that vanishes on r columns, given their ranks k and r, shape (K, m1, n).
+    """Return every G - Y C that vanishes on r columns, for ranks k and r, shape (K, m1, n).
 
-    h(d) = min over these of sum_i max(lower_i c_i, upper_i c_i), c = d @ (G - Y C): the least value
-    of a convex, piecewise linear function of y is at one of its vertices.
+    h(d) = min over these of sum_i max(lower_i c_i, upper_i c_i), c = d @ (G - Y C): the minimum of
+    a convex, piecewise linear function of y is at one of its vertices.
     """
     C = P.rows[:r]
     G = (P.U[:, :k] * P.sigma[:k]) @ P.Vt[:k]
     chosen = _choices(C.shape[1], r)
-    decided = ranked_svd(np.moveaxis(C[:, chosen], 1, 0), 1.0, P.tolerance)
-    proper = decided.rank == r
-    chosen, inverse = chosen[proper], decided.pseudo_inverse()[proper]
-    left = G - np.moveaxis(G[:, chosen], 1, 0) @ inverse @ C
-    np.put_along_axis(left, chosen[:, None, :], 0.0, axis=-1)
-    return left
+    svd = ranked_svd(np.moveaxis(C[:, chosen], 1, 0), 1.0, P.tolerance)
+    proper = svd.rank == r
+    chosen, inverse = chosen[proper], svd.pseudo_inverse()[proper]
+    duals = G - np.moveaxis(G[:, chosen], 1, 0) @ inverse @ C
+    np.put_along_axis(duals, chosen[:, None, :], 0.0, axis=-1)
+    return duals
 
 
 def farthest(c: Array, lower: Array, upper: Array, zero: Array | float) -> Array:
-    """Largest c @ x within the limits, shape (...), infinite where no limit holds x.
+    """Return the largest c @ x within the limits, shape (...), infinite where x is unbounded.
 
-    What is below `zero` counts as zero where a limit is infinite.
+    Coefficients up to `zero` are treated as zero if their variable is unbounded.
     """
     endless = np.isinf(lower) | np.isinf(upper)
     c = np.where(endless & (np.abs(c) <= zero), 0.0, c)
@@ -117,6 +118,6 @@ def farthest(c: Array, lower: Array, upper: Array, zero: Array | float) -> Array
 
 
 def _choices(n: int, k: int) -> Indices:
-    """All sets of k of n indices, shape (., k)."""
+    """Return all sets of k of n indices, shape (., k)."""
     listed = itertools.combinations(range(n), k)
     return np.array(list(listed), dtype=np.intp).reshape(comb(n, k), k)

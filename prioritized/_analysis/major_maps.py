@@ -1,6 +1,6 @@
-"""Major velocity per rates, and major force per torques, with the constraints on these.
+"""Maps from rates to major velocities and from torques to major forces, with their constraints.
 
-Leading axes are batch axes; there constraints are projectors instead of bases.
+Leading axes are batch axes; in batches constraints are projectors instead of bases.
 """
 
 from collections.abc import Sequence
@@ -17,14 +17,14 @@ from prioritized._solver.rank import basis_scale, frobenius, ranked_svd
 
 
 class MajorMap(NamedTuple):
-    """v_m = gain @ x + free z for all x with constraint @ x = 0, and for any z.
+    """Map v_m = gain @ x + free z for all x with constraint @ x = 0, and for any z.
 
     Attributes:
         gain: Shape (..., m1, n).
         constraint: Shape (..., r, n).
-        free: Of the size of `gain`, columns of zeros last, shape (..., m1, l).
+        free: Basis scaled to the size of `gain`, columns of zeros last, shape (..., m1, l).
         dimension: Number of the columns of `free` that are not zero, shape (...).
-        scale: Size of what `gain` was made from, shape (...).
+        scale: Size of the matrices that `gain` was computed from, shape (...).
     """
 
     gain: Array
@@ -42,7 +42,7 @@ def unweighted(
     scale: Array | float,
     tolerance: float,
 ) -> Problem:
-    """The arguments of Problems 1 and 6 without weights, checked."""
+    """Check the arguments of Problems 1 and 6 without weights."""
     return checked(
         J,
         major,
@@ -60,18 +60,19 @@ def unweighted(
 
 
 def of_rates(problem: Problem) -> MajorMap:
-    """Major velocities per active rates: v_m = J_m rates with C rates = 0."""
+    """Return the map from active rates to major velocities, v_m = J_m rates with C rates = 0."""
     G, S_m = problem.major_jacobian, problem.S_m
-    none = np.zeros((*G.shape[:-1], 0))
+    empty = np.zeros((*G.shape[:-1], 0))
     dimension = np.zeros(G.shape[:-2], dtype=np.intp)
     scale = frobenius(S_m) * problem.scale
-    return MajorMap(G, problem.active_constraint, none, dimension, scale)
+    return MajorMap(G, problem.active_constraint, empty, dimension, scale)
 
 
 def of_torques(problem: Problem) -> MajorMap:
-    """Major forces per active torques: torques = J^T f + C^T eta with Q^T f = 0, eqs. (13), (16).
+    """Return the map from active torques to major forces, eqs. (13) and (16).
 
-    The constraint is that the torques are such; `free` are major forces without any torque.
+    torques = J^T f + C^T eta with Q^T f = 0; the constraint is that the torques have this form.
+    `free` are major forces without any torque.
     """
     Q, tolerance, m1 = problem.self_motion, problem.tolerance, len(problem.S_m)
     units, others = (np.linalg.norm(S, axis=1)[:, None] for S in (problem.S_m, problem.S_s))
@@ -84,7 +85,7 @@ def of_torques(problem: Problem) -> MajorMap:
     torques = ranked_svd(forces.torques @ admissible, forces.torque_scale, tolerance)
     major = np.eye(m1, forces.task.shape[1]) @ admissible
     inverse = torques.pseudo_inverse()
-    range_of = torques.U * torques.kept[..., None, :]
+    range_of = torques.U * torques.significant[..., None, :]
     borne = ranked_svd(major @ torques.null_projector(), np.sqrt(m1), tolerance)
     gain = major @ inverse / units
     scale = frobenius(1.0 / units) * frobenius(inverse)
@@ -92,14 +93,14 @@ def of_torques(problem: Problem) -> MajorMap:
     return MajorMap(
         gain=gain,
         constraint=np.eye(gain.shape[-1]) - range_of @ transposed(range_of),
-        free=scale[..., None, None] * _unit(borne.U / units) * borne.kept[..., None, :],
+        free=scale[..., None, None] * _unit(borne.U / units) * borne.significant[..., None, :],
         dimension=borne.rank,
         scale=scale,
     )
 
 
 def _unit(columns: Array) -> Array:
-    """Columns of unit norm."""
+    """Scale columns to unit norm."""
     sizes = np.linalg.norm(columns, axis=-2, keepdims=True)
     return columns / np.where(sizes > 0.0, sizes, 1.0)
 
@@ -107,19 +108,19 @@ def _unit(columns: Array) -> Array:
 def with_free(
     of: MajorMap, lower: Array, upper: Array, dimension: int
 ) -> tuple[Array, Array, Array, Array]:
-    """Gain, constraint, lower and upper limits of [x; z], where z has no limits.
+    """Return gain, constraint, lower and upper limits of [x; z] with unlimited z.
 
     Args:
-        of: Maps with as many columns of `free`.
-        lower: Of x, shape (..., n).
-        upper: Likewise.
-        dimension: The number of these columns.
+        of: Maps with equal numbers of columns of `free`.
+        lower: Lower limits of x, shape (..., n).
+        upper: Upper limits of x, shape (..., n).
+        dimension: Number of columns of `free`.
     """
-    none = np.zeros((*of.constraint.shape[:-1], dimension))
+    empty = np.zeros((*of.constraint.shape[:-1], dimension))
     endless = np.full((*lower.shape[:-1], dimension), np.inf)
     return (
         np.concatenate([of.gain, of.free[..., :dimension]], axis=-1),
-        np.concatenate([of.constraint, none], axis=-1),
+        np.concatenate([of.constraint, empty], axis=-1),
         np.concatenate([lower, -endless], axis=-1),
         np.concatenate([upper, endless], axis=-1),
     )

@@ -1,4 +1,4 @@
-"""Velocity and force manipulability: the four conditions of section 2.2."""
+"""Velocity and force manipulability: the conditions of section 2.2."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -9,9 +9,13 @@ import numpy as np
 
 from argument_checks import Array
 from argument_checks.ties import ACCURACY
-from prioritized._mapping.amplification import closure_sentences, doubt_sentences, gain_sentences
+from prioritized._mapping.amplification import (
+    closure_sentences,
+    gain_sentences,
+    uncertainty_sentences,
+)
 from prioritized._mechanism.decisions import MajorTask, respanned
-from prioritized._mechanism.names import Known, involved
+from prioritized._mechanism.names import Aliases, involved_joints
 from prioritized._mechanism.task_motion import TaskMotion
 from prioritized._solver.arrays import ReadOnly
 from prioritized._solver.canonical import canonical
@@ -20,12 +24,12 @@ from prioritized._solver.rank import RankedSvd
 
 @dataclass(frozen=True, eq=False)
 class Finding(ReadOnly):
-    """Whether a condition holds, and in which directions.
+    """Result of testing a condition, with the directions concerned.
 
     Attributes:
-        holds: The verdict.
+        holds: Whether the condition holds.
         basis: Orthonormal basis of the directions concerned, empty when it does not hold.
-        sentence: The verdict in words.
+        sentence: The result as a sentence.
     """
 
     holds: bool
@@ -35,24 +39,24 @@ class Finding(ReadOnly):
 
     @cached_property
     def gap(self) -> float:
-        """Factor by which the rank threshold could change before the verdict might."""
+        """Factor by which the rank threshold could change without changing the result."""
         return self._gap()
 
 
 class Findings(Mapping[str, Finding]):
-    """Findings by name, each made when it is first looked up."""
+    """Findings by name, each computed when first accessed."""
 
     def __init__(self, make: Callable[[str], Finding]) -> None:
-        """Take what makes one of its name."""
+        """Store the function that computes the finding of a name."""
         self._make = make
-        self._made: dict[str, Finding] = {}
+        self._cache: dict[str, Finding] = {}
 
     def __getitem__(self, name: str) -> Finding:
-        if name not in self._made:
+        if name not in self._cache:
             if name not in _SENTENCES:
                 raise KeyError(name)
-            self._made[name] = self._make(name)
-        return self._made[name]
+            self._cache[name] = self._make(name)
+        return self._cache[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter(_SENTENCES)
@@ -82,7 +86,7 @@ _SENTENCES = {
         "Self-motion moves the secondary task alone in {}.",
         "No self-motion moves the secondary task alone.",
     ),
-    "idle": (
+    "unobservable": (
         "Passive joints can move in {} without moving the task.",
         "No passive joint can move without an active joint or the task.",
     ),
@@ -95,13 +99,13 @@ _SENTENCES = {
         "The loops do not constrain the active rates.",
     ),
 }
-"""The sentence when a condition holds, with its directions and joints, and when it does not."""
+"""Sentences for a condition that holds, with directions and joints, and for one that does not."""
 
 
-def found(
+def finding_of(
     name: str, basis: Array, count: int, gap: Callable[[], float], joints: str = ""
 ) -> Finding:
-    """The finding on a condition with a basis of `count` directions, which concern these joints."""
+    """Return the finding on a condition with a basis of `count` directions of these joints."""
     holds, fails = _SENTENCES[name]
     number = "one direction" if count == 1 else f"{count} directions"
     where = f"{number} (of {joints})" if joints else number
@@ -110,21 +114,18 @@ def found(
 
 @dataclass(frozen=True, eq=False)
 class Manipulability:
-    """The conditions of section 2.2 for one major task; `str()` says them in words.
-
-    Each is decided when it is first asked for.
-    """
+    """Conditions of section 2.2 for one major task, evaluated on access; `str()` is a summary."""
 
     _task: MajorTask
     _of_mechanism: Callable[[str], Any]
-    _known: Mapping[str, Callable[[], Known]]
+    _aliases: Mapping[str, Callable[[], Aliases]]
 
     @cached_property
     def findings(self) -> Mapping[str, Finding]:
-        """By name, each made when it is first looked up.
+        """Findings by name, each computed when first accessed.
 
         `unmanipulable`, `unmanipulable_task`, `unstable`, `unstable_major`, `unstable_secondary`,
-        `idle`, `irresolvable`, `constrained_active`.
+        `unobservable`, `irresolvable`, `constrained_active`.
         """
         return Findings(self._finding)
 
@@ -134,139 +135,141 @@ class Manipulability:
 
         Zero when unmanipulable, infinite without rows.
         """
-        reach = self._task.reach
-        if reach.rank < len(self._task.S_m):
+        decision = self._task.decision
+        if decision.rank < len(self._task.S_m):
             return 0.0
-        least = reach.sigma.min(initial=np.inf, where=reach.kept)
+        least = decision.sigma.min(initial=np.inf, where=decision.significant)
         return float(least) * self._task.measure.gain_unit
 
     @property
     def largest_gain(self) -> float:
-        """Greatest major speed per unit norm of these rates; zero without rows."""
-        return float(self._task.reach.sigma.max(initial=0.0)) * self._task.measure.gain_unit
+        """Greatest major speed per unit norm of the admissible rates; zero without rows."""
+        return float(self._task.decision.sigma.max(initial=0.0)) * self._task.measure.gain_unit
 
     @property
     def gain_uncertainty(self) -> float:
-        """Relative error that the accuracy of the geometry allows the worst gain.
+        """Relative error of the worst gain due to the accuracy of the geometry.
 
-        0 when unmanipulable.
+        Zero if the task is unmanipulable.
         """
         return self._task.gain_uncertainty
 
     @property
     def closure_condition(self) -> float:
-        """Condition number of the closure J_Cp on its rank, 1 without loops.
+        """Condition number of the closure J_Cp on its rank, in natural units; 1 without loops.
 
-        Errors of the geometry are multiplied by up to as much. In natural units.
+        It bounds the amplification of geometric errors in the passive rates.
         """
         return self._of_mechanism("closure_condition")
 
     @property
     def unmanipulable(self) -> bool:
-        """Some major velocity is out of reach; basis in major coordinates, (m1, .)."""
+        """Return whether some major velocity is unreachable; basis in major rows, (m1, .)."""
         return self.findings["unmanipulable"].holds
 
     @property
     def unmanipulable_task(self) -> bool:
-        """Some task velocity is out of reach, major or not; basis (m, .)."""
+        """Return whether some task velocity is unreachable; basis (m, .)."""
         return self.findings["unmanipulable_task"].holds
 
     @property
     def unstable(self) -> bool:
-        """The task can move with every active joint locked: self-motion; basis (m, .)."""
+        """Return whether the task has self-motion with all active joints locked; basis (m, .)."""
         return self.findings["unstable"].holds
 
     @property
     def unstable_major(self) -> bool:
-        """Self-motion moves the major task; basis of these major velocities, (m1, .)."""
+        """Return whether self-motion moves the major task; basis of these velocities, (m1, .)."""
         return self.findings["unstable_major"].holds
 
     @property
     def unstable_secondary(self) -> bool:
-        """Some self-motion moves the task but not the major task; basis (m, .)."""
+        """Return whether some self-motion moves the task but not the major task; basis (m, .)."""
         return self.findings["unstable_secondary"].holds
 
     @property
-    def idle(self) -> bool:
-        """Passive joints can move without active joints and task; basis in passive velocities."""
-        return self.findings["idle"].holds
+    def unobservable(self) -> bool:
+        """Return whether passive joints can move without active joints and task; basis (p, .)."""
+        return self.findings["unobservable"].holds
 
     @property
     def irresolvable(self) -> bool:
-        """Rigid statics does not determine the internal force; basis as rows (., c)."""
+        """Return whether rigid statics leaves internal forces undetermined; basis rows (., c)."""
         return self.findings["irresolvable"].holds
 
     @property
     def constrained_active(self) -> bool:
-        """The loops constrain the active rates, eq. (17); basis as rows (., n)."""
+        """Return whether the loops constrain the active rates, eq. (17); basis rows (., n)."""
         return self.findings["constrained_active"].holds
 
     @property
     def bases(self) -> dict[str, Array]:
-        """The basis of each finding, empty where it does not hold."""
+        """Basis of each finding, empty where the condition does not hold."""
         return {name: finding.basis for name, finding in self.findings.items()}
 
     @property
     def gaps(self) -> dict[str, float]:
-        """The gap of the rank decision of each finding."""
+        """Gap of the rank decision of each finding."""
         return {name: finding.gap for name, finding in self.findings.items()}
 
     def __repr__(self) -> str:
-        """One line, for interactive use."""
+        """Return a one-line summary for interactive use."""
         return f"<Manipulability. {' '.join(str(self).splitlines())}>"
 
     def __str__(self) -> str:
         sentences = [finding.sentence for finding in self.findings.values()]
         sentences += gain_sentences(self.largest_gain, self.worst_gain)
         if self.worst_gain:
-            sentences += doubt_sentences(1.0 / self.worst_gain, self.gain_uncertainty)
+            sentences += uncertainty_sentences(1.0 / self.worst_gain, self.gain_uncertainty)
         return "\n".join(sentences + closure_sentences(self.closure_condition))
 
     def _finding(self, name: str) -> Finding:
         task, joints = self._task.task, ""
         if name in _OF_ROWS:
-            shown, decisions = self._of_mechanism(_OF_ROWS[name]), ()
-            basis = shown.T
+            public_basis, decisions = self._of_mechanism(_OF_ROWS[name]), ()
+            basis = public_basis.T
         else:
             columns, decisions = _COLUMNS[name](self._task, self._of_mechanism)
-            shown = basis = canonical(columns)
-        if name in self._known and basis.size:
+            public_basis = basis = canonical(columns)
+        if name in self._aliases and basis.size:
             geometry = task.geometry
             accuracy = max(ACCURACY, geometry.rank_tolerance, geometry.error_bound)
-            joints = involved(basis, self._known[name](), accuracy)
-        return found(name, shown, basis.shape[1], partial(_gap, task, decisions), joints)
+            joints = involved_joints(basis, self._aliases[name](), accuracy)
+        gap = partial(_gap, task, decisions)
+        return finding_of(name, public_basis, basis.shape[1], gap, joints)
 
 
-_Decided = tuple[Array, tuple[RankedSvd, ...]]
-"""Directions as columns, and the decisions behind them."""
+_Directions = tuple[Array, tuple[RankedSvd, ...]]
+"""Directions as columns, and the rank decisions that they result from."""
 
 
-def _unmanipulable(task: MajorTask, _: Any) -> _Decided:
-    return respanned(_left_null(task.reach), 1.0 / task.major_units), (task.reach,)
+def _unmanipulable(task: MajorTask, _: Any) -> _Directions:
+    return respanned(_left_null(task.decision), 1.0 / task.major_units), (task.decision,)
 
 
-def _unmanipulable_task(task: MajorTask, _: Any) -> _Decided:
-    whole = task.task
-    return respanned(_left_null(whole.reach), 1.0 / whole.task_units), (whole.reach,)
+def _unmanipulable_task(task: MajorTask, _: Any) -> _Directions:
+    motion = task.task
+    return respanned(_left_null(motion.decision), 1.0 / motion.task_units), (motion.decision,)
 
 
-def _unstable(task: MajorTask, _: Any) -> _Decided:
-    whole = task.task
-    return respanned(_range(whole.moved), whole.task_units), (whole.moved,)
+def _unstable(task: MajorTask, _: Any) -> _Directions:
+    motion = task.task
+    return respanned(_range(motion.moved), motion.task_units), (motion.moved,)
 
 
-def _unstable_major(task: MajorTask, _: Any) -> _Decided:
+def _unstable_major(task: MajorTask, _: Any) -> _Directions:
     return respanned(_range(task.moved), task.major_units), (task.moved,)
 
 
-def _unstable_secondary(task: MajorTask, _: Any) -> _Decided:
-    return respanned(_range(task.aside), task.task.task_units), (task.aside, task.moved)
+def _unstable_secondary(task: MajorTask, _: Any) -> _Directions:
+    svd = task.moved_secondary
+    return respanned(_range(svd), task.task.task_units), (svd, task.moved)
 
 
-def _idle(task: MajorTask, of_mechanism: Callable[[str], Any]) -> _Decided:
-    whole, passive = task.task, of_mechanism("passive")
-    idle = whole.self_motion[passive] @ whole.moved.null
-    return _orthonormal(whole.geometry.velocity_units[passive, None] * idle), (whole.moved,)
+def _unobservable(task: MajorTask, of_mechanism: Callable[[str], Any]) -> _Directions:
+    motion, passive = task.task, of_mechanism("passive")
+    null, units = motion.moved.null, motion.geometry.velocity_units[passive, None]
+    return _orthonormal(units * (motion.self_motion[passive] @ null)), (motion.moved,)
 
 
 _COLUMNS = {
@@ -275,15 +278,15 @@ _COLUMNS = {
     "unstable": _unstable,
     "unstable_major": _unstable_major,
     "unstable_secondary": _unstable_secondary,
-    "idle": _idle,
+    "unobservable": _unobservable,
 }
 _OF_ROWS = {"irresolvable": "internal_force", "constrained_active": "active_constraint"}
-"""Findings on rows of the mechanism, which it has decided on by itself."""
+"""Findings based on rows of the mechanism, with the attribute that has these rows."""
 
 
 def _gap(task: TaskMotion, decisions: tuple[RankedSvd, ...]) -> float:
-    """The gap of a verdict is the smallest of all decisions behind it."""
-    return float(min([task.gap, *(one.gap for one in decisions)]))
+    """Return the smallest gap of all rank decisions that a finding depends on."""
+    return float(min([task.gap, *(svd.gap for svd in decisions)]))
 
 
 def _orthonormal(columns: Array) -> Array:

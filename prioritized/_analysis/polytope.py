@@ -1,4 +1,4 @@
-"""Coordinates of what limits on x leave of G x where C x = 0, ranks decided."""
+"""Image {G x : C x = 0, lower <= x <= upper} in minimal coordinates, with decided ranks."""
 
 from typing import NamedTuple
 
@@ -9,13 +9,14 @@ from prioritized._solver.rank import ranked_svd
 
 
 class Polytope(NamedTuple):
-    """{offset + U sigma V^T x : rows x = 0, lower <= x <= upper}.
+    """Polytope {offset + U sigma V^T x : rows x = 0, lower <= x <= upper}.
 
-    The matrices have their decided ranks k = `rank` and r = `constraints`; rows and columns beyond
-    these are not to be used. Coordinates of equal limits have zero columns.
+    The matrices have the decided ranks k = `rank` and r = `constraints`; rows and columns beyond
+    these must not be used. Coordinates with equal limits have zero columns.
 
     Attributes:
-        offset: What these coordinates, and those that must follow them, give, shape (..., m1).
+        offset: Contribution of fixed coordinates and of those that the constraints tie to them,
+            shape (..., m1).
         U: Orthonormal columns, shape (..., m1, .).
         sigma: Shape (..., .).
         Vt: Orthonormal rows, orthogonal to `rows`, shape (..., ., n).
@@ -24,8 +25,8 @@ class Polytope(NamedTuple):
         constraints: Shape (...).
         lower: Shape (..., n); zero, as is `upper`, where limits are equal.
         upper: Shape (..., n).
-        consistent: Whether coordinates of equal limits can obey C at all, shape (...).
-        tolerance: Of the rank decisions.
+        consistent: Whether fixed coordinates can satisfy C x = 0, shape (...).
+        tolerance: Tolerance of the rank decisions.
     """
 
     offset: Array
@@ -41,22 +42,23 @@ class Polytope(NamedTuple):
     tolerance: float
 
     def part(self, which: Indices) -> "Polytope":
-        """Some of a batch with one axis."""
+        """Return some polytopes of a batch with one axis."""
         return self._make([*(A[which] for A in self[:-1]), self.tolerance])
 
 
 def polytope(
     G: Array, C: Array, lower: Array, upper: Array, scale: Array | float, tolerance: float
 ) -> Polytope:
-    """The polytope of {G x : C x = 0, lower <= x <= upper}.
+    """Return the polytope of {G x : C x = 0, lower <= x <= upper}.
 
     Args:
         G: Shape (..., m1, n).
         C: Orthonormal rows, or a projector on them, shape (..., r, n).
-        lower: May be infinite, shape (..., n).
-        upper: Likewise.
-        scale: Size of what G was made from, shape (...); its rank is decided against it.
-        tolerance: Of the rank decisions.
+        lower: Lower limits, may be infinite, shape (..., n).
+        upper: Upper limits, may be infinite, shape (..., n).
+        scale: Size of the matrices that G was computed from, shape (...), against which its rank is
+            decided.
+        tolerance: Tolerance of the rank decisions.
     """
     fixed = lower == upper
     moving = np.where(fixed, 0.0, 1.0)[..., None, :]
@@ -67,14 +69,14 @@ def polytope(
     left_open = np.abs(opened + C * moving @ follow).max(axis=(-2, -1), initial=0.0)
     consistent = left_open <= tolerance * np.abs(x).max(axis=-1, initial=0.0)
     x = x + follow[..., 0]
-    reach = ranked_svd(G * moving @ closure.null_projector(), scale, tolerance)
+    image = ranked_svd(G * moving @ closure.null_projector(), scale, tolerance)
     return Polytope(
         offset=(G @ x[..., None])[..., 0],
-        U=reach.U,
-        sigma=reach.sigma,
-        Vt=reach.Vt,
+        U=image.U,
+        sigma=image.sigma,
+        Vt=image.Vt,
         rows=closure.Vt,
-        rank=reach.rank,
+        rank=image.rank,
         constraints=closure.rank,
         lower=np.where(fixed, 0.0, lower - x),
         upper=np.where(fixed, 0.0, upper - x),

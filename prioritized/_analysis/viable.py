@@ -1,4 +1,4 @@
-"""Position, rate and acceleration limits as one box of rates that never becomes empty."""
+"""Position, rate and acceleration limits combined in a box of rates that never becomes empty."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ from prioritized._solver.arrays import ReadOnly
 
 @dataclass(frozen=True)
 class RateBox(ReadOnly):
-    """Rates that joints may have in the next tick, made by :func:`viable_rates`.
+    """Admissible rates of joints in the next tick, computed by :func:`viable_rates`.
 
     Attributes:
         lower: Smallest rates, shape (..., n), [m]/[s] or [rad]/[s].
         upper: Largest rates, never below `lower`.
         viable: Whether all limits can hold at the next tick and every later one, shape (..., n).
-            Where they cannot, `lower` and `upper` are the one rate that violates them least.
+            Where they cannot, `lower` and `upper` equal the rate that violates them least.
     """
 
     lower: Array
@@ -38,26 +38,26 @@ def viable_rates(
     acceleration_limits: Sequence[ArrayLike] | Array,
     period_s: float,
 ) -> RateBox:
-    """The largest box of rates for the next tick from which every limit can be kept for ever.
+    """Return the largest box of next rates from which all limits can be satisfied forever.
 
     Rates w are constant during a tick: the position becomes x + T w, and (w - v) / T is the
-    acceleration. Every rate in the box keeps all limits at the next tick and leaves a state whose
-    box is not empty; no rate outside does. The theory page has the proof. It extends Del Prete,
-    "Joint position and velocity bounds in discrete-time acceleration/torque control of robot
+    acceleration. Every rate in the box satisfies all limits at the next tick and leads to a state
+    whose box is not empty; no rate outside does. The theory page has the proof. It extends Del
+    Prete, "Joint position and velocity bounds in discrete-time acceleration/torque control of robot
     manipulators" (2018), whose condition is that of continuous braking.
 
-    Where no rate keeps all limits (a disturbance, limits that moved), accelerations are within
-    theirs all the same, then rates, then the position limit on the far side; the violated position
-    limit yields: the joint brakes as hard as it can, then returns as fast as the others allow.
+    Where no rate satisfies all limits (a disturbance, or limits that moved), acceleration limits
+    have priority, then rate limits, then the position limit on the far side. The joint brakes as
+    hard as it can, then returns to the violated position limit as fast as the others allow.
 
     Args:
         position: Present positions x, shape (..., n), [m] or [rad].
-        rate: Present rates v, those of the last tick, shape (..., n).
-        position_limits: Pair (lower, upper); each is one number, or has shape (..., n). Infinite
-            where there is none.
-        rate_limits: Likewise, with lower <= 0 <= upper: joints must be able to rest.
-        acceleration_limits: Likewise, with lower < 0 < upper: joints must be able to brake.
-        period_s: Duration T of a tick.
+        rate: Rates v of the last tick, shape (..., n), [m]/[s] or [rad]/[s].
+        position_limits: Pair (lower, upper), each one number or of shape (..., n), infinite where
+            there is no limit.
+        rate_limits: Pair with lower <= 0 <= upper: joints must be able to stop.
+        acceleration_limits: Pair with lower < 0 < upper: joints must be able to brake.
+        period_s: Duration T of a tick [s].
     """
     T = check.number("period_s", period_s, check.SMALLEST)
     pairs = position_limits, rate_limits, acceleration_limits
@@ -67,13 +67,13 @@ def viable_rates(
         return box
     every = np.broadcast_arrays(*_checked(position, rate, pairs))
     box = _box([A.ravel() for A in every], T)
-    assert box is not None  # what would be refused is refused above
+    assert box is not None  # _checked raises for all that _box refuses
     lead = every[0].shape
     return RateBox(box.lower.reshape(lead), box.upper.reshape(lead), box.viable.reshape(lead))
 
 
 def _plain(position: Any, rate: Any, pairs: tuple[Any, ...]) -> list[Array] | None:
-    """All arguments, if they are arrays (n,) as they are to be: checks would take far longer."""
+    """Return all arguments if they are plain arrays (n,), whose checks would take far longer."""
     if type(position) is not np.ndarray or position.ndim != 1:
         return None
     for pair in pairs:
@@ -87,22 +87,22 @@ def _plain(position: Any, rate: Any, pairs: tuple[Any, ...]) -> list[Array] | No
     return every
 
 
-def _box(given: list[Array], T: float) -> RateBox | None:
-    """The box of plain arrays (n,); None where one is not what it must be."""
-    n = len(given[0])
+def _box(arguments: list[Array], T: float) -> RateBox | None:
+    """Return the box of plain arrays (n,); None if one of them is invalid."""
+    n = len(arguments[0])
     lower, upper, viable = np.empty(n), np.empty(n), np.empty(n, dtype=bool)
     box = pointer(lower), pointer(upper), pointer(viable)
-    if not lib.viable_box(n, pointer(np.concatenate(given)), T, *box):
+    if not lib.viable_box(n, pointer(np.concatenate(arguments)), T, *box):
         return None
-    made = object.__new__(RateBox)  # read-only at little cost: the arrays are its own
+    result = object.__new__(RateBox)  # without checks: the arrays are new
     for name, A in (("lower", lower), ("upper", upper), ("viable", viable)):
         A.setflags(write=False)
-        made.__dict__[name] = A
-    return made
+        result.__dict__[name] = A
+    return result
 
 
 def _checked(position: ArrayLike, rate: ArrayLike, pairs: tuple[Any, ...]) -> list[Array]:
-    """All arguments as arrays (..., n) or one number, whose leading axes broadcast."""
+    """Return all arguments as arrays (..., n) or one number, with broadcastable leading axes."""
     x = check.array("position", position)
     if not x.ndim:
         raise ValueError("position must have shape (..., n), got one number")
@@ -112,11 +112,11 @@ def _checked(position: ArrayLike, rate: ArrayLike, pairs: tuple[Any, ...]) -> li
         check.limits(name, pair, n, batch=True) for name, pair in zip(names, pairs, strict=True)
     )
     if (rates[0] > 0).any() or (rates[1] < 0).any():
-        raise ValueError(f"rate_limits must be on both sides of 0, got {check.shown(pairs[1])}")
+        got = check.short_repr(pairs[1])
+        raise ValueError(f"rate_limits must have lower <= 0 <= upper, got {got}")
     if (accelerations[0] > -check.SMALLEST).any() or (accelerations[1] < check.SMALLEST).any():
-        raise ValueError(
-            f"acceleration_limits must be below and above 0, got {check.shown(pairs[2])}"
-        )
+        got = check.short_repr(pairs[2])
+        raise ValueError(f"acceleration_limits must have lower < 0 < upper, got {got}")
     leads = {"position": x, "rate": v, "position_limits": positions[0]}
     leads |= {"rate_limits": rates[0], "acceleration_limits": accelerations[0]}
     check.common_axes({name: A.shape[:-1] for name, A in leads.items()})

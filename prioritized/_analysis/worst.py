@@ -1,4 +1,4 @@
-"""The worst major speed and force that limits leave, under many failure conditions at once."""
+"""Worst-case major speed and force within limits, under many failure conditions at once."""
 
 from math import comb
 from typing import NamedTuple
@@ -13,16 +13,16 @@ from prioritized._mapping.problem import Problem
 from prioritized._solver.limits import Limits
 
 BLOCK = 2**18
-"""Numbers at once in the facets of many sets: few enough for the cache."""
+"""Largest number of elements in one block of facets, chosen to fit the cache."""
 
 
-class Within(NamedTuple):
+class ActuatorLimits(NamedTuple):
     """Limits of n actuators, and which of them are active under each of C conditions.
 
     Attributes:
         active: Shape (C, n).
-        rates: Lower and upper limits, shape (C, n) each; None where they are of no interest.
-        torques: Likewise.
+        rates: Lower and upper limits, shape (C, n) each; None is not to be evaluated.
+        torques: Lower and upper limits, shape (C, n) each; None is not to be evaluated.
     """
 
     active: Mask
@@ -30,62 +30,62 @@ class Within(NamedTuple):
     torques: Limits | None
 
     def speed(self, problem: Problem, possible: Mask) -> Array | None:
-        """Radius of the attainable velocities, zero where the task is not possible, shape (C,)."""
+        """Return the radius of the attainable velocities, zero where impossible, shape (C,)."""
         if self.rates is None:
             return None
         return np.where(possible, self._radii(of_rates(problem), self.rates, problem.tolerance), 0)
 
     def force(self, problem: Problem) -> Array | None:
-        """Radius of the attainable forces, shape (C,)."""
+        """Return the radius of the attainable forces, shape (C,)."""
         if self.torques is None:
             return None
         return self._radii(of_torques(problem), self.torques, problem.tolerance)
 
     def _radii(self, maps: MajorMap, limits: Limits, tolerance: float) -> Array:
-        """Of the survivors alone: facets are chosen among their columns."""
+        """Return the radii with facets chosen among the columns of the survivors alone."""
         radius, survivors = np.zeros(len(self.active)), self.active.sum(axis=1)
         for count in np.unique(survivors).tolist():
             rows = np.flatnonzero(survivors == count)
             columns = np.nonzero(self.active[rows])[1].reshape(len(rows), 1, count)
             lower, upper = (np.take_along_axis(A[rows], columns[:, 0], axis=1) for A in limits)
-            some = MajorMap._make(A[rows] for A in maps)
-            own = {
-                name: np.take_along_axis(getattr(some, name), columns, axis=-1)
+            subset = MajorMap._make(A[rows] for A in maps)
+            survivors_only = {
+                name: np.take_along_axis(getattr(subset, name), columns, axis=-1)
                 for name in ("gain", "constraint")
             }
-            radius[rows] = radii(some._replace(**own), lower, upper, tolerance)
+            radius[rows] = radii(subset._replace(**survivors_only), lower, upper, tolerance)
         return radius
 
 
 def radii(maps: MajorMap, lower: Array, upper: Array, tolerance: float) -> Array:
-    """Radius of the largest ball about zero in the set of each of C maps, shape (C,).
+    """Return the radius of the largest ball about zero in the set of each of C maps, shape (C,).
 
-    As :attr:`prioritized.Attainable.radius`, one size of the facets after another.
+    It equals :attr:`prioritized.Attainable.radius`; sets with facets of one size are batched.
 
     Args:
-        maps: Shape (C, m1, n) and so on.
-        lower: Limits of the x, shape (C, n).
-        upper: Likewise.
-        tolerance: Of the rank decisions.
+        maps: Maps with a leading axis, shape (C, m1, n) etc.
+        lower: Lower limits of the x, shape (C, n).
+        upper: Upper limits of the x, shape (C, n).
+        tolerance: Tolerance of the rank decisions.
 
     Raises:
-        ValueError: Facets too many to be listed.
+        ValueError: Too many facets to be enumerated.
     """
     radius = np.zeros(len(maps.gain))
     for free in np.unique(maps.dimension).tolist():
         rows = np.flatnonzero(maps.dimension == free)
-        some = MajorMap._make(A[rows] for A in maps)
-        sets = polytope(*with_free(some, lower[rows], upper[rows], free), some.scale, tolerance)
+        subset = MajorMap._make(A[rows] for A in maps)
+        sets = polytope(*with_free(subset, lower[rows], upper[rows], free), subset.scale, tolerance)
         full = sets.consistent & (sets.rank == maps.gain.shape[-2])
         for r in np.unique(sets.constraints[full]).tolist():
-            alike = np.flatnonzero(full & (sets.constraints == r))
-            nothing = not r and not maps.gain.shape[-2]  # is asked of x, nor of the task
-            radius[rows[alike]] = np.inf if nothing else _balls(sets.part(alike), r)
+            rows_of_rank = np.flatnonzero(full & (sets.constraints == r))
+            is_empty = not r and not maps.gain.shape[-2]  # neither constraints nor major rows
+            radius[rows[rows_of_rank]] = np.inf if is_empty else _balls(sets.part(rows_of_rank), r)
     return radius
 
 
 def _balls(sets: Polytope, r: int) -> Array:
-    """The same of sets of full rank whose C have rank r."""
+    """Return the radii of sets of full rank whose C have rank r."""
     refuse_too_many(sets)
     (C, n), m1 = sets.lower.shape, sets.offset.shape[1]
     numbers = C * n * comb(n, m1 + r - 1)

@@ -1,1 +1,1 @@
-"""Mappings of velocities and forces, and tasks of many levels, under limits."""
+"""Optimal mappings and hierarchies: gains, solutions under limits, and their status."""

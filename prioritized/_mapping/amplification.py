@@ -1,17 +1,17 @@
-"""How much a mapping or a closure multiplies errors, in words where that is much."""
+"""Sentences on the amplification of errors by a mapping or a closure, if it is large."""
 
 from argument_checks import Array
 from argument_checks.ties import exceeds
 
 LARGE_AMPLIFICATION = 100.0
-"""Above it, an error of 1 % may become an error as large as the quantity itself."""
+"""Amplification above which it is reported: 1 % of error becomes as large as the quantity."""
 
 UNCERTAIN = 0.05
-"""Relative error of a gain above which it is mentioned."""
+"""Relative error of a gain above which it is reported."""
 
 
 def gain_sentences(largest: float, worst: float) -> list[str]:
-    """On the ratio of the largest to the smallest gain of the major task, where it is large."""
+    """Describe the ratio of the largest to the smallest gain of the major task, if it is large."""
     if not (worst > 0.0 and exceeds(largest, LARGE_AMPLIFICATION * worst)):
         return []
     return [
@@ -21,7 +21,7 @@ def gain_sentences(largest: float, worst: float) -> list[str]:
 
 
 def length_sentences(length: float | None) -> list[str]:
-    """On angles and lengths in one norm."""
+    """Describe the length that relates angles and lengths in one norm."""
     if length is None:
         return []
     return [
@@ -30,8 +30,8 @@ def length_sentences(length: float | None) -> list[str]:
     ]
 
 
-def doubt_sentences(gain: float, uncertainty: float) -> list[str]:
-    """On a direction that the geometry is too inaccurate to know the gain of."""
+def uncertainty_sentences(gain: float, uncertainty: float) -> list[str]:
+    """Describe a gain whose relative error due to the geometry is large."""
     if not exceeds(uncertainty, UNCERTAIN):
         return []
     return [
@@ -42,7 +42,7 @@ def doubt_sentences(gain: float, uncertainty: float) -> list[str]:
 
 
 def servo_sentences(amplification: Array) -> list[str]:
-    """On the factor from servo errors to errors of the major task, where it is large."""
+    """Describe the factor from servo errors to errors of the major task, if it is large."""
     if not exceeds(most := amplification.max(initial=0.0), LARGE_AMPLIFICATION):
         return []
     return [
@@ -52,7 +52,7 @@ def servo_sentences(amplification: Array) -> list[str]:
 
 
 def closure_sentences(condition: float) -> list[str]:
-    """On the condition number of the closure, where it is large."""
+    """Describe the condition number of the closure, if it is large."""
     if not exceeds(condition, LARGE_AMPLIFICATION):
         return []
     return [
@@ -62,5 +62,5 @@ def closure_sentences(condition: float) -> list[str]:
 
 
 def as_sentence(clause: str) -> str:
-    """A clause with a capital and a full stop."""
+    """Capitalize a clause and add a full stop."""
     return f"{clause[0].upper()}{clause[1:]}."

@@ -1,4 +1,4 @@
-"""Force mapping: Problem 6 of the paper for all weights, internal forces and self-motion too."""
+"""Force mapping: Problem 6 of the paper for any weights, with internal forces and self-motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -43,24 +43,25 @@ if TYPE_CHECKING:
     from prioritized._kinematics import Kinematics
 
 Gains = tuple[Array, ...]
-"""Per major force, desired torque and desired secondary force."""
+"""Gains of major force, desired torque and desired secondary force."""
 
 
 @dataclass(frozen=True, eq=False)
 class ForceMapping(ReadOnly):
-    """Gains of the optimal active joint torques; made by :func:`force_mapping`.
+    """Gains of the optimal active joint torques; created by :func:`force_mapping`.
 
     torques = major @ f_m + torque @ torques_desired + secondary @ f_s_desired
 
     Attributes:
         achieved: Major force in equilibrium per major force commanded, (..., m1, m1).
         reaction: Orthogonal projector on the task forces that the structure bears without any
-            torque, shape (..., m, m); zero when there are none. Where these have a major part, the
-            torques hold f_m in equilibrium but do not determine it.
+            torque, shape (..., m, m); zero if there are none. If these have a major part, the
+            torques balance f_m but do not determine it.
         rank: Dimension of the major forces that equilibrium admits, shape (...).
         gap: Factor by which the rank threshold could change before any rank would, shape (...).
-        status: What holds for every problem of the batch.
-        closure_condition: As in :class:`Manipulability`; 1 for a J given as a matrix.
+        status: Status that holds for every problem of the batch.
+        closure_condition: Condition number of the closure, as in :class:`Manipulability`; 1 for a J
+            given as a matrix.
     """
 
     _torque_gains: Gains
@@ -87,17 +88,17 @@ class ForceMapping(ReadOnly):
 
     @property
     def characteristic_length(self) -> float | None:
-        """As of a :class:`VelocityMapping`."""
+        """Length that relates angular and linear quantities, as of a :class:`VelocityMapping`."""
         if self._units is None:
             return None
-        is_met = self.status is not Status.LEAST_SQUARES and self._limiting is None
-        return self._units.measure.length(not is_met, self._problem.has_ties)
+        is_exact = self.status is not Status.LEAST_SQUARES and self._limiting is None
+        return self._units.measure.length(not is_exact, self._problem.has_ties)
 
     @cached_property
     def largest_gain(self) -> Array:
         """Largest norm of the torques per unit norm of the major force alone, shape (...).
 
-        In natural units where there are two kinds of either.
+        In natural units if torques or major forces are of two kinds.
         """
         gain = self.major
         if self._units is not None:
@@ -125,7 +126,7 @@ class ForceMapping(ReadOnly):
         torque: ArrayLike | None = None,
         secondary_force: ArrayLike | None = None,
     ) -> Array:
-        """Optimal active joint torques, shape (..., n); what is None counts as zero."""
+        """Return the optimal active joint torques, shape (..., n); None counts as zero."""
         if self._limiting is not None:
             return self.solve(f_major, torque, secondary_force).torques
         return _respond(self._torque_gains, f_major, torque, secondary_force)
@@ -138,17 +139,17 @@ class ForceMapping(ReadOnly):
         *,
         start: ForceSolution | None = None,
     ) -> ForceSolution:
-        """The optimal torques within the limits, what they cost, and which of them are active.
+        """Return the optimal torques within the limits, with residual, active limits and status.
 
-        Limits and equilibrium hold first, then the major force is met as far as they let it, then
-        the weighted sum of :func:`force_mapping` is least. Gains, :meth:`secondary_force` and
-        :meth:`internal_force` of the mapping itself know no limits: the solution has its own.
+        Limits and equilibrium hold first, then the error of the major force is least, then the
+        weighted sum of :func:`force_mapping`. Gains, :meth:`secondary_force` and
+        :meth:`internal_force` of the mapping ignore limits: use those of the solution.
 
         Args:
             f_major: Major force, shape (..., m1).
             torque: Desired torques, shape (..., n); None is zero.
             secondary_force: Desired secondary force, shape (..., m2); None is zero.
-            start: Solution of a similar problem, such as that of the tick before.
+            start: Solution of a similar problem, such as that of the previous tick.
         """
         problem = self._problem
         m1, n = len(problem.S_m), problem.J.shape[-1]
@@ -161,8 +162,8 @@ class ForceMapping(ReadOnly):
         )
         if self._units is not None:
             p = p * self._units.inputs
-        begun = None if start is None else check.instance("start", start, ForceSolution).point
-        best = optimum(self._levels, p, self._within, problem.tolerance, begun)
+        warm = None if start is None else check.instance("start", start, ForceSolution).point
+        best = optimum(self._levels, p, self._within, problem.tolerance, warm)
         return ForceSolution(self, p, best)
 
     @property
@@ -177,7 +178,7 @@ class ForceMapping(ReadOnly):
 
     @property
     def _rows(self) -> tuple[Rows, ...]:
-        """Inequality rows of the unknowns; the first are the torques, if without limits."""
+        """Inequality rows of the unknowns; the first ones are the torques, even without limits."""
         return self._within.rows
 
     @property
@@ -193,7 +194,7 @@ class ForceMapping(ReadOnly):
         torque: ArrayLike | None = None,
         secondary_force: ArrayLike | None = None,
     ) -> Array:
-        """The secondary force f_s that goes with the torques, shape (..., m2)."""
+        """Return the secondary force f_s that belongs to the torques, shape (..., m2)."""
         return _respond(self._secondary_gains, f_major, torque, secondary_force)
 
     def internal_force(
@@ -202,23 +203,23 @@ class ForceMapping(ReadOnly):
         torque: ArrayLike | None = None,
         secondary_force: ArrayLike | None = None,
     ) -> Array:
-        """The internal force eta that goes with the torques, shape (..., r): one per row of C."""
+        """Return the internal force eta that belongs to the torques, one per row of C, (..., r)."""
         return _respond(self._internal_gains, f_major, torque, secondary_force)
 
     def residual(self, f_major: ArrayLike) -> Array:
-        """Part of the major force that no equilibrium admits, shape (..., m1)."""
+        """Return the part of the major force that no equilibrium admits, shape (..., m1)."""
         f_m = check.array("f_major", f_major, ..., self.achieved.shape[-1])
         return f_m - apply(self.achieved, "f_major", f_m)
 
 
 class ForceUnits(NamedTuple):
-    """Natural units in which a force mapping is solved, as velocities that forces do work with.
+    """Natural units in which a force mapping is solved, as velocities dual to the forces.
 
     Attributes:
-        measure: Of the major velocities and of the rates.
-        secondary: Of the secondary velocities, (m2,).
-        task: Of the task rows, (m,).
-        torques: Of the rates, (n,).
+        measure: Natural units of the major velocities and of the rates.
+        secondary: Natural units of the secondary velocities, (m2,).
+        task: Natural units of the task rows, (m,).
+        torques: Natural units of the rates, (n,).
         internal: Internal force in the units of J per one in natural units, (r, r).
     """
 
@@ -235,7 +236,7 @@ class ForceUnits(NamedTuple):
 
 
 class ForceLimits(NamedTuple):
-    """Limits of torques and forces as they are given to :func:`force_mapping`."""
+    """Limits of torques and forces as given to :func:`force_mapping`."""
 
     torques: tuple[ArrayLike, ArrayLike] | None
     torque_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None
@@ -261,14 +262,14 @@ def force_mapping(
     force_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
     when_limited: WhenLimited = "least_squares",
 ) -> ForceMapping:
-    """The mapping from a major force to the optimal active joint torques.
+    """Return the mapping from a major force to the optimal active joint torques.
 
     It minimizes |W3 (torques - torques_d)|^2 + |W4 (f_s - f_sd)|^2 at the given major force, where
     torques = J^T f + C^T eta with f = S_m^T f_m + S_s^T f_s, eq. (16): f_m is dual to v_m by
     power, for any directions. The unknowns are the secondary force f_s and the internal force eta.
     Lexicographic least squares: each level is solved without changing those before it.
 
-    1. Q^T f = 0                          (otherwise self-motion gives way to f, eq. 9)
+    1. Q^T f = 0                          (otherwise f accelerates the self-motion, eq. 9)
     2. |M (f_m - f_md)|        smallest   (zero where level 1 admits the major force, eq. 33)
     3. the weighted sum above  smallest
     4. |T torques|, then |torques|, then |f_s|, then |eta| smallest   (ties)
@@ -292,14 +293,16 @@ def force_mapping(
         tie_metric: T, diagonal (n,) or matrix (..., k, n); None is zero. It affects the torques
             where the weights do not determine them.
         scale: Size of J that ranks are decided against, shape (...); None is the norm of J.
-        rank_tolerance: Singular values below this fraction of the scale count as zero. Among the
-            stacked weights, too: at 1e-10, no goal can be weighted 1e10 times another.
+        rank_tolerance: Singular values below this fraction of the scale count as zero. This
+            includes the stacked weights: at 1e-10, no goal can be weighted 1e10 times another.
         torque_limits: Lower and upper limits of the torques, each (n,) or one number, also infinite
-            ((0, inf) is an actuator that only pushes); they hold before everything else.
-        torque_rows: (R, lower, upper) with R (r, n): lower <= R torques <= upper, likewise.
-        force_rows: The same for the task force f, R (r, m), such as the sides of a friction cone.
-        when_limited: What becomes of a major force that limits hold back: "least_squares", the
-            least error |M (f_m - f_md)|, or "scaled": its direction is kept, as large as possible.
+            ((0, inf) is an actuator that only pushes); they have priority over all levels.
+        torque_rows: (R, lower, upper) with R (r, n): lower <= R torques <= upper, with the same
+            priority.
+        force_rows: (R, lower, upper) with R (r, m): lower <= R f <= upper of the task force f, such
+            as the sides of a friction cone.
+        when_limited: Treatment of a major force beyond the limits: "least_squares", the least error
+            |M (f_m - f_md)|, or "scaled", the largest force in the same direction.
     """
     problem = checked(
         J,
@@ -315,8 +318,8 @@ def force_mapping(
         scale=scale,
         rank_tolerance=rank_tolerance,
     )
-    given = ForceLimits(torque_limits, torque_rows, force_rows, when_limited)
-    return _solved(problem, given, None)
+    bounds = ForceLimits(torque_limits, torque_rows, force_rows, when_limited)
+    return _solved(problem, bounds, None)
 
 
 def force_mapping_of(
@@ -325,19 +328,19 @@ def force_mapping_of(
     secondary: Sequence[int] | ArrayLike | None,
     weights: tuple[ArrayLike | None, ArrayLike | None],
     metrics: tuple[ArrayLike | None, ArrayLike | None],
-    given: ForceLimits,
+    bounds: ForceLimits,
 ) -> ForceMapping:
-    """The force mapping of a mechanism; see :meth:`Kinematics.force_mapping`.
+    """Return the force mapping of a mechanism; see :meth:`Kinematics.force_mapping`.
 
     Args:
-        mechanism: With J and all conditions.
+        mechanism: Mechanism with J and all conditions.
         major: As for :func:`force_mapping`.
-        secondary: Likewise.
-        weights: Of the torques and of the secondary force.
-        metrics: Of the major force and of ties.
-        given: The limits.
+        secondary: As for :func:`force_mapping`.
+        weights: Weights of the torques and of the secondary force.
+        metrics: Metrics of the major force and of ties.
+        bounds: Limits of torques and forces.
     """
-    own = checked(
+    stated = checked(
         mechanism.J,
         major,
         secondary,
@@ -352,43 +355,44 @@ def force_mapping_of(
         rank_tolerance=RANK_TOLERANCE,
     )
     reduced = mechanism._reduced
-    measure, rows = reduced.measure(own.S_m), reduced.task_units
-    secondary_units, rates = units_of(own.S_s, rows), reduced.rate_units
+    measure, rows = reduced.measure(stated.S_m), reduced.task_units
+    secondary_units, rates = units_of(stated.S_s, rows), reduced.rate_units
     C, common = reduced.constraint, reduced.common_unit
     internal = (mechanism.active_constraint / rates) @ C.T
     units = ForceUnits(measure, secondary_units, rows, rates, internal)
-    J, scale = reduced.decided(own.S_m, own.S_s)
-    problem = own._replace(
+    J, scale = reduced.truncated_jacobian(stated.S_m, stated.S_s)
+    problem = stated._replace(
         J=J * common,  # torques of J and of C are added
-        S_m=own.S_m * rows / measure.major[:, None],
-        S_s=own.S_s * rows / secondary_units[:, None],
-        weight=own.weight / rates,
-        secondary_weight=own.secondary_weight / secondary_units,
+        S_m=stated.S_m * rows / measure.major[:, None],
+        S_s=stated.S_s * rows / secondary_units[:, None],
+        weight=stated.weight / rates,
+        secondary_weight=stated.secondary_weight / secondary_units,
         active_constraint=C,
         self_motion=reduced.self_motion,
-        major_metric=None if own.major_metric is None else own.major_metric / measure.major,
-        tie_metric=own.tie_metric / rates,
+        major_metric=None if stated.major_metric is None else stated.major_metric / measure.major,
+        tie_metric=stated.tie_metric / rates,
         scale=np.asarray(scale * common),
     )
-    mapping = _solved(problem, given, units)
+    mapping = _solved(problem, bounds, units)
     return replace(
         mapping,
-        gap=np.minimum(mapping.gap, reduced.major(own.S_m, own.S_s).gap),
+        gap=np.minimum(mapping.gap, reduced.major(stated.S_m, stated.S_s).gap),
         closure_condition=mechanism.closure_condition,
     )
 
 
-def _solved(problem: Problem, given: ForceLimits, units: ForceUnits | None) -> ForceMapping:
-    """The mapping of checked arguments, which are in natural units if there are any."""
+def _solved(problem: Problem, bounds: ForceLimits, units: ForceUnits | None) -> ForceMapping:
+    """Return the mapping of checked arguments, which are in natural units if `units` is given."""
     _refuse_overlap(problem.S_m, problem.S_s, problem.tolerance)
     n, m1, m2 = problem.J.shape[-1], len(problem.S_m), len(problem.S_s)
     forces = forces_of(problem)
     levels = force_levels(problem, forces)
     X, decisions = lexicographic(levels, problem.tolerance)
     X, major_rank = on_axes(X, problem.lead), decisions[1].rank
-    # A major force, with no more secondary force than self-motion makes necessary.
+    # Response to the major force with the least secondary force that self-motion requires.
     alone, _ = lexicographic([*levels[:2], levels[-1]], problem.tolerance)
-    limited = _limiting(problem, forces, given, units)
+    limited = _limiting(problem, forces, bounds, units)
+    box = None if bounds.torques is None else limits("torque_limits", bounds.torques, n)
     reaction, work_rank = _reaction(problem, forces, alone[..., :m1])
     torques, (to_f_m, to_f_s, to_eta) = forces.torques @ X, np.split(X, [m1, m1 + m2], axis=-2)
     if units is not None:
@@ -412,19 +416,19 @@ def _solved(problem: Problem, given: ForceLimits, units: ForceUnits | None) -> F
         status=status_of(conditions, Status.EXACT),
         _problem=problem,
         _limiting=limited,
-        _torque_limits=None if given.torques is None else limits("torque_limits", given.torques, n),
+        _torque_limits=box,
         _units=units,
     )
 
 
 def _limiting(
-    problem: Problem, forces: Forces, given: ForceLimits, units: ForceUnits | None
+    problem: Problem, forces: Forces, bounds: ForceLimits, units: ForceUnits | None
 ) -> Limiting | None:
-    """Limits of torques and forces as those of the unknowns [f_m; f_s; eta]."""
+    """Convert limits of torques and forces to limits of the unknowns [f_m; f_s; eta]."""
     m, n = problem.J.shape[-2:]
-    rows_of_torques, rows_of_forces = {"torque_rows": given.torque_rows}, given.force_rows
-    on_torques = limiting(n, "torque_limits", given.torques, rows_of_torques, given.when)
-    on_forces = limiting(m, "", None, {"force_rows": rows_of_forces}, given.when)
+    rows_of_torques, rows_of_forces = {"torque_rows": bounds.torque_rows}, bounds.force_rows
+    on_torques = limiting(n, "torque_limits", bounds.torques, rows_of_torques, bounds.when)
+    on_forces = limiting(m, "", None, {"force_rows": rows_of_forces}, bounds.when)
     if on_torques is None and on_forces is None:
         return None
     if units is not None:
@@ -432,10 +436,10 @@ def _limiting(
         on_forces = on_forces and on_forces.natural(1.0 / units.task)
     box = limits("torque_limits", None, n) if on_torques is None else on_torques.box
     rows: list[Rows] = []
-    for one, of_unknowns in ((on_torques, forces.torques), (on_forces, forces.task)):
-        if one is not None:
-            rows += [Rows(each.G @ of_unknowns, each.limits) for each in one.rows]
-    return _of_torques(forces, box, rows, given.when)
+    for part, of_unknowns in ((on_torques, forces.torques), (on_forces, forces.task)):
+        if part is not None:
+            rows += [Rows(block.G @ of_unknowns, block.limits) for block in part.rows]
+    return _of_torques(forces, box, rows, bounds.when)
 
 
 def _of_torques(
@@ -444,21 +448,21 @@ def _of_torques(
     rows: Sequence[Rows] = (),
     when_limited: WhenLimited = "least_squares",
 ) -> Limiting:
-    """Limits whose first rows are the torques, of unknowns that are not limited themselves."""
+    """Return limits whose first rows are the torques, with unlimited unknowns."""
     unknowns = limits("", None, forces.torques.shape[-1])
     return Limiting(unknowns, (Rows(forces.torques, box), *rows), when_limited)
 
 
 def _refuse_overlap(S_m: Array, S_s: Array, tolerance: float) -> None:
-    """Raise where a secondary force could cancel the major force."""
+    """Raise if a secondary force could cancel the major force."""
     both = stack(S_m, S_s)
     ranks = [ranked_svd(S, frobenius(S), tolerance).rank for S in (S_m, S_s, both)]
     if ranks[2] < ranks[0] + ranks[1]:
-        raise ValueError("secondary must leave out the major directions, got some of them")
+        raise ValueError("secondary must exclude the major directions, got some of them")
 
 
 def _reaction(problem: Problem, forces: Forces, gain: Array) -> tuple[Array, Indices]:
-    """Projector on the task forces that do no work, and the rank of the work of x = gain @ f_m."""
+    """Return the projector on workless task forces, and the rank of the work of x = gain @ f_m."""
     Q, tolerance = problem.self_motion, problem.tolerance
     driven = transposed(problem.admissible_jacobian)
     motion = stack(driven, transposed(Q) * problem.scale[..., None, None])
@@ -468,7 +472,7 @@ def _reaction(problem: Problem, forces: Forces, gain: Array) -> tuple[Array, Ind
 
 
 def _spanned(projector: Array, factors: Array) -> Array:
-    """The projector on what vectors of the range of one are once their rows have these factors."""
+    """Return the projector on the range of one, with the rows of its vectors scaled."""
     U, sigma, _ = np.linalg.svd(projector)
     basis = respanned(U[:, sigma > 0.5], factors)
     return basis @ basis.T

@@ -1,4 +1,4 @@
-"""Tasks of any number of levels, under limits."""
+"""Hierarchies of tasks in any number of levels, under limits."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ import argument_checks as check
 from argument_checks import Array
 from argument_checks.ties import ACCURACY, exceeds
 from prioritized._mapping.amplification import as_sentence
-from prioritized._mapping.asked import Asked, Bounds, asked_of
+from prioritized._mapping.level_specs import Bounds, LevelSpecs, checked_specs
 from prioritized._mapping.levels import Level, damped
 from prioritized._mapping.limited import Limiting
 from prioritized._mapping.task import Status, status_of
@@ -27,18 +27,18 @@ if TYPE_CHECKING:
 
 
 CheckedTargets = tuple[tuple[Array, ...], ...]
-"""Of each task of each level."""
+"""Targets of each task of each level."""
 
 
 @dataclass(frozen=True, eq=False)
 class HierarchySolution:
-    """The optimal rates of a hierarchy.
+    """Optimal rates of a hierarchy.
 
     Attributes:
-        hierarchy: That gave it.
-        targets: Of each task of each level.
-        packed: The problem as it was solved.
-        point: Where the solver ended, from which it can start again.
+        hierarchy: Hierarchy that was solved.
+        targets: Targets of each task of each level.
+        packed: Problem in the form of the solver.
+        point: Result of the solver, which can warm-start another solution.
     """
 
     hierarchy: "Hierarchy"
@@ -48,13 +48,13 @@ class HierarchySolution:
 
     @property
     def rates(self) -> Array:
-        """Of the surviving actuators, within the limits exactly, shape (n,)."""
+        """Rates of the surviving actuators, within the limits exactly, shape (n,)."""
         return self._rates
 
     @cached_property
     def _rates(self) -> Array:
-        own = self.hierarchy.asked.units[1] * self.point.x[0, : self._n]
-        return read_only(own.clip(*self.hierarchy.limiting.box))
+        rates = self.hierarchy.specs.units[1] * self.point.x[0, : self._n]
+        return read_only(rates.clip(*self.hierarchy.limiting.box))
 
     @property
     def active_limits(self) -> NDArray[np.int8]:
@@ -63,8 +63,8 @@ class HierarchySolution:
 
     @property
     def active_rows(self) -> NDArray[np.int8]:
-        """The same for the inequality rows, (r,)."""
-        count = sum(len(each.G) for each in self.hierarchy.limiting.rows)
+        """Limits that the inequality rows are at: -1 the lower, 1 the upper, 0 none, (r,)."""
+        count = sum(len(rows.G) for rows in self.hierarchy.limiting.rows)
         return self._at_bounds[self._n : self._n + count]
 
     @cached_property
@@ -79,66 +79,66 @@ class HierarchySolution:
 
     @cached_property
     def residuals(self) -> tuple[Array, ...]:
-        """Target less what is achieved, of each level; its tasks one after the other.
+        """Target minus achieved value of each level, its tasks one after the other.
 
-        For an interval, what is lacking to lie in it.
+        For an interval, the distance to it.
         """
         J, rates = self.hierarchy.J, self.rates
         return tuple(
             read_only(
                 np.concatenate(
-                    [part.lacking(one, J, rates) for part, one in zip(*each, strict=True)]
+                    [part.residual(target, J, rates) for part, target in zip(*pair, strict=True)]
                 )
             )
-            for each in zip(self.hierarchy.asked.levels, self.targets, strict=True)
+            for pair in zip(self.hierarchy.specs.levels, self.targets, strict=True)
         )
 
     @cached_property
     def damping_errors(self) -> tuple[float, ...]:
-        """What damping costs each level: norm of what is achieved without any less that with it.
+        """Norm of the change of each level's achieved value due to damping.
 
         In the rows of the level, without its weights, as its residual.
         """
         pairs = zip(self.residuals, self._undamped.residuals, strict=True)
-        return tuple(float(np.linalg.norm(now - without)) for now, without in pairs)
+        return tuple(float(np.linalg.norm(damped - undamped)) for damped, undamped in pairs)
 
     @cached_property
     def _undamped(self) -> "HierarchySolution":
-        """The solution without any damping."""
+        """Solution without damping."""
         return self.hierarchy.undamped(self.targets) if self.hierarchy.is_damped else self
 
     @cached_property
     def status(self) -> Status:
-        """How the first level is met, and whether limits and constraints are."""
-        hard, without = len(self.hierarchy.limiting.rows) + 1, self._undamped
-        is_met = not without.packed.unmet(slice(hard, hard + 1), self.point.x)[0]
+        """Status of the first level, limits and constraints."""
+        hard, undamped = len(self.hierarchy.limiting.rows) + 1, self._undamped
+        is_exact = not undamped.packed.is_violated(slice(hard, hard + 1), self.point.x)[0]
         conditions = {
             Status.UNFINISHED: lambda: not self.point.ended[0],
-            Status.INFEASIBLE: lambda: self.packed.unmet(slice(0, hard), self.point.x)[0],
-            Status.SELF_MOTION: lambda: not self.hierarchy.is_held,
-            Status.LIMITED: lambda: not is_met and without is self and self._is_held_back(hard),
-            Status.LEAST_SQUARES: lambda: not is_met and without is self,
-            Status.DAMPED: lambda: not is_met and without.status is Status.EXACT,
+            Status.INFEASIBLE: lambda: self.packed.is_violated(slice(0, hard), self.point.x)[0],
+            Status.SELF_MOTION: lambda: not self.hierarchy.is_determined,
+            Status.LIMITED: lambda: not is_exact and undamped is self and self._is_limited(hard),
+            Status.LEAST_SQUARES: lambda: not is_exact and undamped is self,
+            Status.DAMPED: lambda: not is_exact and undamped.status is Status.EXACT,
         }
-        met_without = Status.EXACT if is_met or without is self else without.status
-        return status_of(conditions, met_without)
+        undamped_status = Status.EXACT if is_exact or undamped is self else undamped.status
+        return status_of(conditions, undamped_status)
 
-    def _is_held_back(self, level: int) -> bool:
-        """Whether this level has a smaller residual without limits."""
+    def _is_limited(self, level: int) -> bool:
+        """Return whether this level has a smaller residual without limits."""
         box, count = self.packed.box.copy(), self._n + len(self.active_rows)
         box[:, 0, :count], box[:, 1, :count] = -np.inf, np.inf
         unlimited = self.packed._replace(box=box)
-        x = solved(unlimited).x
-        now, before = (norm(self.packed.level(level, each)) for each in (self.point.x, x))
-        return bool(now > (1.0 + ACCURACY) * before)
+        points = self.point, solved(unlimited)
+        limited, best = (norm(self.packed.level_residual(level, point.x)) for point in points)
+        return bool(limited > (1.0 + ACCURACY) * best)
 
     def __str__(self) -> str:
-        """Status, active limits, and what damping costs each level, the first being level 1."""
-        return self.in_words(None)
+        """Describe status, active limits and the errors due to damping; the first level is 1."""
+        return self.describe(None)
 
-    def in_words(self, at_limits: Sequence[str] | None) -> str:
-        """The same with these names of what is at a limit; None is numbers."""
-        actuators = self.hierarchy.asked.survivors.actuators.tolist()
+    def describe(self, at_limits: Sequence[str] | None) -> str:
+        """Describe the solution with these names of what is at a limit; None uses numbers."""
+        actuators = self.hierarchy.specs.survivors.actuators.tolist()
         rows = range(len(self.active_rows))
         limits = [
             *_at_limits("actuator", actuators, self.active_limits),
@@ -146,11 +146,11 @@ class HierarchySolution:
         ]
         if at_limits is not None:
             limits = [f"At a limit: {', '.join(at_limits)}."] if at_limits else []
-        damping = (f"Damping costs level {k} {error:.2g}." for k, error in self._costs())
+        damping = (f"Damping changes level {k} by {error:.2g}." for k, error in self._costs())
         return " ".join([as_sentence(self.status.value), *limits, *damping])
 
     def _costs(self) -> Iterator[tuple[int, float]]:
-        """Levels, from 1 on, that damping costs more than round-off, and how much."""
+        """Yield levels, from 1 on, whose damping error exceeds round-off, with this error."""
         terms = zip(self.damping_errors, self.targets, self.residuals, strict=True)
         for k, (error, targets, residual) in enumerate(terms, 1):
             size = norm(residual) + sum(map(norm, targets))
@@ -163,53 +163,53 @@ class HierarchySolution:
 
 
 def _at_limits(what: str, numbers: list[int], active: NDArray[np.int8]) -> Iterator[str]:
-    """Which actuators or rows are at which limit."""
+    """Yield sentences on the actuators or rows at each limit."""
     for side, name in ((-1, "lower"), (1, "upper")):
-        there = [str(k) for k, each in zip(numbers, active, strict=True) if each == side]
-        if there:
-            plural = "s" if len(there) > 1 else ""
-            yield f"At the {name} limit: {what}{plural} {', '.join(there)}."
+        at_side = [str(k) for k, state in zip(numbers, active, strict=True) if state == side]
+        if at_side:
+            plural = "s" if len(at_side) > 1 else ""
+            yield f"At the {name} limit: {what}{plural} {', '.join(at_side)}."
 
 
 Targets = Sequence[ArrayLike | Sequence[ArrayLike] | None]
-"""One for each level, in their order."""
+"""Targets of the levels, in their order."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hierarchy:
-    """Levels of tasks of one mechanism at one pose; made by :meth:`Kinematics.hierarchy`.
+    """Levels of tasks of one mechanism at one pose; created by :meth:`Kinematics.hierarchy`.
 
     Attributes:
-        asked: The levels, whatever the pose.
-        damping: Of each level.
+        specs: Pose-independent levels.
+        damping: Damping of each level.
         J: Task Jacobian, (m, n).
-        decided: Weighted rows (k, n) of each level without what counts as lost, and their size, of
-            rates in natural units, as are those of the constraint.
+        weighted_rows: Weighted rows (k, n) of each level without directions of rank zero, and
+            their size, for rates in natural units, as are those of the constraint.
         constraint: C, orthonormal rows, shape (r, n).
         limiting: Limits of the rates.
-        bounds: The same as they were given.
-        is_held: Whether the first level's tasks stand still with every actuator locked.
-        held_back: Further rows (k, n) of each level, whose products with the rates are to be zero:
-            damping that is not alike in all directions. () is none.
+        bounds: Limits of the rates as given.
+        is_determined: Whether no self-motion moves the tasks of the first level.
+        damping_rows: Further rows (k, n) of each level with target zero, for damping that depends
+            on the direction. () is none.
     """
 
-    asked: Asked
+    specs: LevelSpecs
     damping: tuple[float, ...]
     J: Array
-    decided: tuple[tuple[Array, float], ...]
+    weighted_rows: tuple[tuple[Array, float], ...]
     constraint: Array
     limiting: Limiting
     bounds: Bounds
-    is_held: bool
-    held_back: tuple[Array, ...] = ()
+    is_determined: bool
+    damping_rows: tuple[Array, ...] = ()
 
     @property
     def is_damped(self) -> bool:
-        """Whether a level is not met as well as it could be."""
-        return any(self.damping) or any(map(len, self.held_back))
+        """Return whether any level is damped."""
+        return any(self.damping) or any(map(len, self.damping_rows))
 
     def __call__(self, targets: Targets) -> Array:
-        """Optimal rates, shape (n,)."""
+        """Return the optimal rates, shape (n,)."""
         return self.solve(targets).rates
 
     def at(
@@ -219,111 +219,116 @@ class Hierarchy:
         rate_limits: tuple[ArrayLike, ArrayLike] | None = None,
         rate_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
     ) -> "Hierarchy":
-        """The same levels at another pose, or after other failures; they are not checked again.
+        """Return the same levels at another pose, or after other failures.
 
-        It equals :meth:`Kinematics.hierarchy` of that mechanism with these arguments.
+        The levels are not checked again. The result equals :meth:`Kinematics.hierarchy` of that
+        mechanism with these arguments.
 
         Args:
-            kinematics: The mechanism there; after other failures, what was given for all n
-                actuators is cut anew to those that survive.
-            rate_limits: Limits there, as for :meth:`Kinematics.hierarchy`; None is those of this
+            kinematics: Mechanism at the other pose; after other failures, arguments for all n
+                actuators are restricted anew to the survivors.
+            rate_limits: New limits, as for :meth:`Kinematics.hierarchy`; None is those of this
                 hierarchy.
-            rate_rows: Likewise.
+            rate_rows: New inequality rows; None is those of this hierarchy.
         """
-        asked, limiting, bounds = self._asked_of(kinematics), self.limiting, self.bounds
-        if rate_limits is not None or rate_rows is not None or asked is not self.asked:
-            given = (rate_limits, rate_rows)
+        specs, limiting, bounds = self._specs_of(kinematics), self.limiting, self.bounds
+        if rate_limits is not None or rate_rows is not None or specs is not self.specs:
+            new_bounds = (rate_limits, rate_rows)
             bounds = Bounds(
-                *(old if new is None else new for new, old in zip(given, bounds, strict=True))
+                *(old if new is None else new for new, old in zip(new_bounds, bounds, strict=True))
             )
-            limiting, bounds = bounds.of(kinematics._survivors), bounds.kept()
-        return _at(kinematics, asked, limiting, bounds)
+            limiting, bounds = bounds.of(kinematics._survivors), bounds.copied()
+        return _at(kinematics, specs, limiting, bounds)
 
     def solve(
         self, targets: Targets, *, start: HierarchySolution | None = None
     ) -> HierarchySolution:
-        """The rates that meet each level as well as limits, constraints and levels before it let.
+        """Return the rates that minimize the residuals in order, under limits and constraints.
 
         Args:
-            targets: Of each level, in the order of the levels: shape (k,), a pair for an interval,
-                or a list with one for each task where a level has several. None is zero.
-            start: Solution of a similar problem, such as that of the tick before.
+            targets: Target of each level, in order: shape (k,), a pair for an interval, or a list
+                with one for each task if a level has several. None is zero.
+            start: Solution of a similar problem, such as that of the previous tick.
 
         Raises:
-            ValueError: Another number of targets, or one of the wrong shape or not finite.
+            ValueError: The number of targets is wrong, or one has a wrong shape or is not finite.
         """
-        count, levels = len(self.asked.levels), self.asked.levels
+        count, levels = len(self.specs.levels), self.specs.levels
         if not isinstance(targets, Sequence | np.ndarray) or len(targets) != count:
-            raise ValueError(f"targets must be {count}, one a level, got {check.shown(targets)}")
-        asked = tuple(
+            got = check.short_repr(targets)
+            raise ValueError(f"targets must be {count}, one a level, got {got}")
+        checked_targets = tuple(
             targets_of(f"targets[{k}]", level, target)
             for k, (level, target) in enumerate(zip(levels, targets, strict=True))
         )
-        begun = None
+        warm = None
         if start is not None:
-            begun = check.instance("start", start, HierarchySolution).point
-        return self._solved(asked, begun)
+            warm = check.instance("start", start, HierarchySolution).point
+        return self._solved(checked_targets, warm)
 
     def tick(self, kinematics: "Kinematics") -> Tick | None:
-        """These levels for one pose after another, in one compiled call where nothing is in doubt.
+        """Return a compiled solver of these levels for successive poses, for well-conditioned ones.
 
-        It is made once for a mechanism and its failures. Where it does not answer, :meth:`at` and
-        :meth:`solve` do.
+        It is constructed once for a mechanism and its failures. Where it returns None, use
+        :meth:`at` and :meth:`solve`.
 
         Args:
-            kinematics: The mechanism at any pose.
+            kinematics: Mechanism at any pose.
 
         Returns:
-            The tick, or None where it could never answer, as with intervals or springs.
+            The solver, or None if it does not apply, as with intervals or springs.
         """
-        return Tick.of(self._asked_of(kinematics), kinematics)
+        return Tick.of(self._specs_of(kinematics), kinematics)
 
     def undamped(self, targets: CheckedTargets) -> HierarchySolution:
-        """The solution without damping, of targets that were checked."""
-        return replace(self, damping=(0.0,) * len(self.damping), held_back=())._solved(
+        """Return the solution without damping for checked targets."""
+        return replace(self, damping=(0.0,) * len(self.damping), damping_rows=())._solved(
             targets, None
         )
 
     def _solved(self, targets: CheckedTargets, start: Point | None) -> HierarchySolution:
-        blocks = map(_block, self.asked.levels, self._rows, targets)
-        within = self.limiting.natural(self.asked.units[1])
-        hard = (*within.rows, equations(self.constraint))
-        packed = pack([*hard, *blocks, self.asked.ties], within.box, RANK_TOLERANCE)
+        blocks = map(_block, self.specs.levels, self._rows, targets)
+        limited_levels = self.limiting.natural(self.specs.units[1])
+        hard = (*limited_levels.rows, equations(self.constraint))
+        packed = pack([*hard, *blocks, self.specs.ties], limited_levels.box, RANK_TOLERANCE)
         return HierarchySolution(self, targets, packed, solved(packed, start))
 
-    def _asked_of(self, kinematics: "Kinematics") -> Asked:
-        """The levels as asked for of another mechanism."""
+    def _specs_of(self, kinematics: "Kinematics") -> LevelSpecs:
+        """Return the level specifications for another mechanism."""
         if not hasattr(kinematics, "hierarchy"):
-            raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
-        shape = len(self.J), self.asked.survivors.n
-        there = len(kinematics.J), kinematics._survivors.n
-        if there != shape:
+            raise TypeError(f"kinematics must be a Kinematics, got {check.short_repr(kinematics)}")
+        shape = len(self.J), self.specs.survivors.n
+        other_shape = len(kinematics.J), kinematics._survivors.n
+        if other_shape != shape:
             raise ValueError(
-                f"kinematics must have {shape[0]} task rows and {shape[1]} actuators, got {there}"
+                f"kinematics must have {shape[0]} task rows and {shape[1]} actuators, "
+                f"got {other_shape}"
             )
-        return self.asked.at(kinematics)
+        return self.specs.at(kinematics)
 
     @cached_property
     def _rows(self) -> list[tuple[Array, float, float]]:
-        """The weighted rows of each level and those that hold it back, their size, and damping."""
-        decided = list(self.decided)
-        if self.held_back:
-            natural = (B * self.asked.units[1] for B in self.held_back)
-            pairs = zip(decided, natural, strict=True)
-            decided = [
+        """Weighted rows and damping rows of each level, their size, and damping."""
+        weighted_rows = list(self.weighted_rows)
+        if self.damping_rows:
+            natural = (B * self.specs.units[1] for B in self.damping_rows)
+            pairs = zip(weighted_rows, natural, strict=True)
+            weighted_rows = [
                 (np.vstack([A, B]), float(np.hypot(size, norm(B)))) for (A, size), B in pairs
             ]
-        intervals = [parts[0].interval for parts in self.asked.levels]
+        intervals = [parts[0].interval for parts in self.specs.levels]
         if not any(self.damping) or not (self.limiting.rows or any(intervals)):
-            return [(*rows, each) for rows, each in zip(decided, self.damping, strict=True)]
+            return [
+                (*rows, damping) for rows, damping in zip(weighted_rows, self.damping, strict=True)
+            ]
         levels = [Level(self.constraint, none((len(self.constraint), 1)), norm(self.constraint))]
-        given = zip(intervals, decided, self.damping, strict=True)
-        for is_interval, (A, size), damping in given:
-            # Before an interval is at one of its ends it determines nothing.
+        specs = zip(intervals, weighted_rows, self.damping, strict=True)
+        for is_interval, (A, size), damping in specs:
+            # An interval inside its limits determines no direction.
             rows = A[:0] if is_interval else A
             levels.append(Level(rows, none((len(rows), 1)), size, damping))
-        pairs = zip(decided, damped(levels, RANK_TOLERANCE)[1:], strict=True)
-        return [(each.A if each.A.size else A, size, 0.0) for (A, size), each in pairs]
+        pairs = zip(weighted_rows, damped(levels, RANK_TOLERANCE)[1:], strict=True)
+        return [(level.A if level.A.size else A, size, 0.0) for (A, size), level in pairs]
 
 
 def hierarchy(
@@ -333,16 +338,18 @@ def hierarchy(
     rate_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None,
     tie_metric: ArrayLike | None,
 ) -> Hierarchy:
-    """The hierarchy of a mechanism; see :meth:`Kinematics.hierarchy`."""
-    bounds, asked = Bounds(rate_limits, rate_rows), asked_of(mechanism, levels, tie_metric)
-    return _at(mechanism, asked, bounds.of(mechanism._survivors), bounds.kept())
+    """Return the hierarchy of a mechanism; see :meth:`Kinematics.hierarchy`."""
+    bounds, specs = Bounds(rate_limits, rate_rows), checked_specs(mechanism, levels, tie_metric)
+    return _at(mechanism, specs, bounds.of(mechanism._survivors), bounds.copied())
 
 
-def _at(mechanism: "Kinematics", asked: Asked, limiting: Limiting, bounds: Bounds) -> Hierarchy:
-    decided, is_held = mechanism._reduced.in_order(asked.stacked)
+def _at(
+    mechanism: "Kinematics", specs: LevelSpecs, limiting: Limiting, bounds: Bounds
+) -> Hierarchy:
+    rows, is_determined = mechanism._reduced.in_order(specs.level_rows)
     return Hierarchy(
-        *(asked, asked.damping, mechanism.J, tuple(decided), mechanism._reduced.constraint),
-        *(limiting, bounds, is_held),
+        *(specs, specs.damping, mechanism.J, tuple(rows), mechanism._reduced.constraint),
+        *(limiting, bounds, is_determined),
     )
 
 

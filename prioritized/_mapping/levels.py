@@ -12,12 +12,13 @@ from prioritized._solver.rank import RankedSvd, basis_scale, frobenius, ranked_s
 
 
 class Level(NamedTuple):
-    """Minimize |A x - target p| for every p.
+    """Level that minimizes |A x - target p| for every p.
 
     Attributes:
         A: Shape (..., k, n).
         target: Shape (..., k, p).
-        scale: Size of the matrices that A was made from, shape (...); ranks are decided against it.
+        scale: Size of the matrices that A was computed from, shape (...), against which ranks are
+            decided.
         damping: Tikhonov damping of this level alone, in units of A's singular values.
     """
 
@@ -28,39 +29,40 @@ class Level(NamedTuple):
 
 
 def lexicographic(levels: Sequence[Level], tolerance: float) -> tuple[Array, list[RankedSvd]]:
-    """Gain X of x = X p, shape (..., n, p), and the rank decision of each level.
+    """Return the gain X of x = X p, shape (..., n, p), and the rank decision of each level.
 
-    Each level is solved without changing those before it; among what remains x has least norm.
+    Each level is solved without changing those before it; in the remaining null space x has least
+    norm.
     """
     n, p = levels[0].A.shape[-1], levels[0].target.shape[-1]
     # A projector, not a basis: in a batch its shape must not depend on the rank.
     X, free = np.zeros((n, p)), np.eye(n)
     decisions = []
     for level in levels:
-        decided = ranked_svd(level.A @ free, level.scale, tolerance)
-        decisions.append(decided)
+        svd = ranked_svd(level.A @ free, level.scale, tolerance)
+        decisions.append(svd)
         if level.A.shape[-2] == 0:
             continue
-        # The step has least norm: in `free`, orthogonal to what the next levels may still change.
-        step = free @ decided.pseudo_inverse(level.damping)
+        # The step has least norm: in the range of `free`, orthogonal to the remaining null space.
+        step = free @ svd.pseudo_inverse(level.damping)
         X = X + step @ (level.target - level.A @ X)
-        free = free @ decided.null_projector()
+        free = free @ svd.null_projector()
     return X, decisions
 
 
 def smallest_gap(decisions: Sequence[RankedSvd]) -> Array:
-    """Smallest gap of the decisions, shape (...)."""
+    """Return the smallest gap of the rank decisions, shape (...)."""
     gap = np.asarray(np.inf)
-    for decided in decisions:
-        if decided.sigma.size:
-            gap = np.minimum(gap, decided.gap)
+    for svd in decisions:
+        if svd.sigma.size:
+            gap = np.minimum(gap, svd.gap)
     return gap
 
 
 def velocity_levels(problem: Problem, damping: float) -> list[Level]:
-    """Problem 1 for the rates x and p = [v_m; rates_d; v_sd]; the second level is the major task.
+    """Return Problem 1 as levels in the rates for p = [v_m; rates_d; v_sd].
 
-    The levels are those of :func:`prioritized.velocity_mapping`.
+    The levels are those of :func:`prioritized.velocity_mapping`; the second is the major task.
     """
     J, C, T = problem.J, problem.active_constraint, problem.tie_metric
     W1, W2, W2_S = problem.weight, problem.secondary_weight, problem.task_weight
@@ -83,24 +85,24 @@ def velocity_levels(problem: Problem, damping: float) -> list[Level]:
 
 
 def velocity_gains(problem: Problem, damping: float = 0.0) -> tuple[Array, list[RankedSvd]]:
-    """Gains of p = [v_m; rates_d; v_sd], shape (..., n, m1 + n + m2), and each rank decision."""
+    """Return the gains of p = [v_m; rates_d; v_sd], (..., n, m1 + n + m2), and rank decisions."""
     X, decisions = lexicographic(velocity_levels(problem, damping), problem.tolerance)
     return on_axes(X, problem.lead), decisions
 
 
 def damped(levels: Sequence[Level], tolerance: float) -> list[Level]:
-    """The same levels without damping: a damped one has rows that weigh what it determines.
+    """Replace damped levels by undamped ones with additional weighted rows (Tikhonov).
 
-    For problems with more unknowns than these, whose norm does not count. The rows are the
-    unknowns' parts along the singular vectors of its rows on what the levels before it leave. So it
-    determines no more than before, limits or not, and later levels keep the rest.
+    For problems with further unknowns whose norm does not count. The added rows are the components
+    of the unknowns along the singular vectors of the level on the null space of the previous ones,
+    so that the level determines no more directions than before, with or without limits.
     """
     free, plain = np.eye(levels[0].A.shape[-1]), []
     for level in levels:
-        decided = ranked_svd(level.A @ free, level.scale, tolerance)
-        free = free @ decided.null_projector()
+        svd = ranked_svd(level.A @ free, level.scale, tolerance)
+        free = free @ svd.null_projector()
         if level.damping:
-            V = decided.Vt * decided.kept[..., None]
+            V = svd.Vt * svd.significant[..., None]
             nothing = np.zeros((V.shape[-2], level.target.shape[-1]))
             A, target = stack(level.A, level.damping * V), stack(level.target, nothing)
             level = Level(A, target, level.scale)
@@ -118,7 +120,7 @@ class Forces(NamedTuple):
 
 
 def forces_of(problem: Problem) -> Forces:
-    """Task force and torques as functions of the unknowns of Problem 6, eq. (16)."""
+    """Return task force and torques as functions of the unknowns of Problem 6, eq. (16)."""
     S_m, S_s, C = problem.S_m, problem.S_s, problem.active_constraint
     m, of_task = problem.J.shape[-2], len(S_m) + len(S_s)
     task = np.hstack([S_m.T, S_s.T, np.zeros((m, C.shape[-2]))])
@@ -128,10 +130,10 @@ def forces_of(problem: Problem) -> Forces:
 
 
 def force_levels(problem: Problem, forces: Forces) -> list[Level]:
-    """Problem 6 for x = [f_m; f_s; eta] and p = [f_md; torques_d; f_sd].
+    """Return Problem 6 as levels for x = [f_m; f_s; eta] and p = [f_md; torques_d; f_sd].
 
     The levels are those of :func:`prioritized.force_mapping`: self-motion, the major force, the
-    weighted sum, then three to break ties, the last of them the least secondary force.
+    weighted sum, then three that break ties, the last of them the least secondary force.
     """
     W3, W4, T, Q = problem.weight, problem.secondary_weight, problem.tie_metric, problem.self_motion
     n, m1, m2 = problem.J.shape[-1], len(problem.S_m), len(problem.S_s)

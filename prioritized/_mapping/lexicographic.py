@@ -18,19 +18,20 @@ from prioritized._solver.rank import RANK_TOLERANCE, norm
 
 _FLOAT64 = np.dtype(np.float64)
 Level = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
-"""(A, b), or (A, lower, upper) for an A x that is to lie between two vectors."""
+"""Level (A, b), or (A, lower, upper) for an A x that should lie between two vectors."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """What :func:`lexicographic_least_squares` found.
+    """Solution of :func:`lexicographic_least_squares`.
 
     Attributes:
         n: Number of unknowns x.
-        hard_rows: Number of inequality rows that hold first.
+        hard_rows: Number of inequality rows, which precede the levels.
         levels: Number of levels.
-        packed: The problem as it was solved: unknowns are x, then one for each inequality row.
-        point: Its solution, from which another call can start.
+        packed: Problem in the form of the solver: unknowns are x, then one slack for each
+            inequality row.
+        point: Result of the solver, which can warm-start another call.
     """
 
     n: int
@@ -41,17 +42,17 @@ class Solution:
 
     @property
     def x(self) -> Array:
-        """The solution, shape (n,); within the bounds exactly, whatever the status."""
+        """Solution, shape (n,), within the bounds exactly for any status."""
         return self.point.x[0, : self.n]
 
     @property
     def active(self) -> NDArray[np.int8]:
-        """Which bounds x is at: -1 the lower, 1 the upper, 0 none, (n,); equal ones are -1."""
+        """Bounds that x is at: -1 the lower, 1 the upper, 0 none, (n,); equal ones are -1."""
         return self._at_bounds[: self.n]
 
     @property
     def active_rows(self) -> NDArray[np.int8]:
-        """The same for the inequality rows, shape (r,)."""
+        """Limits that the inequality rows are at: -1 the lower, 1 the upper, 0 none, (r,)."""
         return self._at_bounds[self.n : self.n + self.hard_rows]
 
     @cached_property
@@ -65,29 +66,29 @@ class Solution:
 
     @property
     def steps(self) -> int:
-        """Steps of the active set that were taken."""
+        """Number of steps of the active set."""
         return int(self.point.steps[0])
 
     @property
     def residuals(self) -> tuple[Array, ...]:
-        """b_k - A_k x of each level; for an interval, what A_k x lacks to lie in it."""
+        """Residual b_k - A_k x of each level; for an interval, the distance of A_k x to it."""
         first = 1 if self.hard_rows else 0
-        return self._rests[first : first + self.levels]
+        return self._residuals[first : first + self.levels]
 
     @cached_property
     def certificate(self) -> Array | None:
-        """The y (r,) that proves that the inequality rows G are infeasible; None if they are not.
+        """Vector y (r,) that proves that the inequality rows G are infeasible, otherwise None.
 
         y . (G x - s) > 0 for all x within the bounds and all s within the limits of the rows.
         """
         if not self.hard_rows:
             return None
-        infeasible = self.packed.unmet(slice(0, 1), self.point.x)[0]
-        return read_only(-self._rests[0]) if infeasible else None
+        infeasible = self.packed.is_violated(slice(0, 1), self.point.x)[0]
+        return read_only(-self._residuals[0]) if infeasible else None
 
     @property
     def status(self) -> Status:
-        """OPTIMAL, INFEASIBLE or UNFINISHED; the value says what it means."""
+        """Status OPTIMAL, INFEASIBLE or UNFINISHED; its value is an explanation."""
         conditions = {
             Status.UNFINISHED: lambda: not self.point.ended[0],
             Status.INFEASIBLE: lambda: self.certificate is not None,
@@ -95,8 +96,10 @@ class Solution:
         return status_of(conditions, Status.OPTIMAL)
 
     @cached_property
-    def _rests(self) -> tuple[Array, ...]:
-        return tuple(np.split(read_only(self.packed.rest(self.point.x))[0], self.packed.ends[:-1]))
+    def _residuals(self) -> tuple[Array, ...]:
+        return tuple(
+            np.split(read_only(self.packed.residual(self.point.x))[0], self.packed.ends[:-1])
+        )
 
 
 def lexicographic_least_squares(
@@ -112,47 +115,47 @@ def lexicographic_least_squares(
     most_steps: int | None = None,
     rank_tolerance: float = RANK_TOLERANCE,
 ) -> Solution:
-    """The x within its bounds that makes |A_k x - b_k| least, level by level.
+    """Minimize |A_k x - b_k| level by level over the x within bounds.
 
-    Each level is solved without changing what bounds, rows and the levels before it leave:
+    Each level is solved in the set that bounds, rows and previous levels leave:
 
-    1. lower <= x <= upper, always and exactly
+    1. lower <= x <= upper, exactly
     2. rows_lower <= rows x <= rows_upper, or the least violation where that is infeasible
     3. |A_1 x - b_1|, then |A_2 x - b_2|, ...   smallest
     4. |T x|, then |x|                         smallest (ties)
 
-    A primal active-set method with one orthogonal decomposition of each level in what the levels
-    before it leave (Escande, Mansard, Wieber, IJRR 33(7), 2014, with bounds alone: an inequality
-    row is an equation with one more bounded unknown), whose levels never see the data of those
-    after them, except for the start. Cycling is excluded by Bland's rule and a bound on the number
-    of steps.
+    A primal active-set method with one orthogonal decomposition of each level on the null space of
+    the previous ones (Escande, Mansard, Wieber, IJRR 33(7), 2014; an inequality row is an equation
+    with one more bounded unknown). Apart from the start, no level depends on data of later ones.
+    Bland's rule and a bound on the number of steps exclude cycling.
 
     Args:
         levels: (A_k, b_k), shapes (m_k, n) and (m_k,); or (A_k, lower, upper), whose distance to
-            the interval is made least.
+            the interval is minimized.
         lower: Shape (n,) or one number; may be infinite; None is no bound.
-        upper: Likewise; equal to `lower` it fixes an unknown.
+        upper: Shape (n,) or one number; may be infinite; equal to `lower` it fixes an unknown.
         rows: Inequality rows, shape (r, n).
-        rows_lower: Shape (r,) or one number, as above.
-        rows_upper: Likewise.
+        rows_lower: Shape (r,) or one number; may be infinite.
+        rows_upper: Shape (r,) or one number; may be infinite.
         tie_metric: T, diagonal (n,) or matrix (k, n); None is zero.
-        start: Solution of a similar problem of the same shape, from which to start.
-        most_steps: Of the active set in all; None is 20 (n + 1) for each level.
-        rank_tolerance: Rows smaller than this fraction of their level are dependent on others.
+        start: Solution of a similar problem of the same shape, whose active set is the initial one.
+        most_steps: Bound on the steps of the active set in total; None is 20 (n + 1) for each
+            level.
+        rank_tolerance: Rows smaller than this fraction of their level are linearly dependent.
 
     Returns:
         A solution that obeys the bounds, finite, whatever its status.
     """
     tolerance = check.number("rank_tolerance", rank_tolerance, 0.0, 0.5)
     if not (type(levels) is list or isinstance(levels, Sequence)) or not len(levels):
-        raise ValueError(f"levels must be a list of (A, b), got {check.shown(levels)}")
+        raise ValueError(f"levels must be a list of (A, b), got {check.short_repr(levels)}")
     if most_steps is not None:
         most_steps = check.integer("most_steps", most_steps, 10**9)
-    begun = None if start is None else check.instance("start", start, Solution).point
+    warm = None if start is None else check.instance("start", start, Solution).point
     if rows is rows_lower is rows_upper is tie_metric is most_steps is None:
-        quick = _of_plain_arrays(levels, lower, upper, tolerance, begun)
-        if quick is not None:
-            return quick
+        solution = _of_plain_arrays(levels, lower, upper, tolerance, warm)
+        if solution is not None:
+            return solution
     n = check.array("levels[0][0]", _parts(0, levels[0])[0], None, None).shape[1]
     blocks = [_block(k, level, n) for k, level in enumerate(levels)]
     box = _between("lower and upper", lower, upper, n)
@@ -164,19 +167,19 @@ def lexicographic_least_squares(
     )
     last = [_equations(T, np.zeros(len(T))) for T in ties]
     packed = pack([*hard, *blocks, *last], box, tolerance)
-    hard_rows = sum(len(each.G) for each in hard)
-    point = solved(packed, begun, most_steps)
+    hard_rows = sum(len(block.G) for block in hard)
+    point = solved(packed, warm, most_steps)
     return Solution(n, hard_rows, len(levels), packed, point)
 
 
 def _of_plain_arrays(
     levels: Sequence[Any], lower: Any, upper: Any, tolerance: float, start: Point | None
 ) -> Solution | None:
-    """The solution within bounds, where all levels are (A, b) as they should be.
+    """Return the solution within bounds if all levels are pairs (A, b) of plain arrays.
 
-    None elsewhere: the checks then say what is wrong, or take what is right in another form.
+    None otherwise: the caller's checks then raise, or convert the arguments.
     """
-    given, counts, n = [], [], -1
+    matrices, counts, n = [], [], -1
     # Calls of the argument checks would take as long as the arithmetic.
     for level in levels:
         if type(level) is not tuple or len(level) != 2:
@@ -193,7 +196,7 @@ def _of_plain_arrays(
         n = columns if n < 0 else n
         if columns != n:
             return None
-        given += A, b
+        matrices += A, b
         counts.append(rows)
     none = limits("", None, n)
     box = plain_limits(
@@ -201,16 +204,19 @@ def _of_plain_arrays(
     )
     if box is None:
         return None
-    A, b = np.ascontiguousarray(np.concatenate(given[::2]))[None], np.concatenate(given[1::2])[None]
+    A, b = (
+        np.ascontiguousarray(np.concatenate(matrices[::2]))[None],
+        np.concatenate(matrices[1::2])[None],
+    )
     packed = Packed(A, b, ends_of(*counts), None, tolerance, box[None], n)
     point = solve(packed, start)
-    return None if point.is_refused else Solution(n, 0, len(counts), packed, point)
+    return None if point.is_invalid else Solution(n, 0, len(counts), packed, point)
 
 
 def _hard_rows(
     rows: ArrayLike | None, lower: ArrayLike | None, upper: ArrayLike | None, n: int
 ) -> list[Rows]:
-    """The inequality rows, if there are any."""
+    """Return the checked inequality rows, if there are any."""
     if rows is None:
         if lower is not None or upper is not None:
             raise ValueError("rows must be given with rows_lower and rows_upper, got None")
@@ -221,7 +227,7 @@ def _hard_rows(
 
 
 def _between(names: str, lower: ArrayLike | None, upper: ArrayLike | None, n: int) -> Limits:
-    """Limits that are two arguments; None is infinite."""
+    """Return limits given as two arguments; None is infinite."""
     return limits(
         names, (-np.inf if lower is None else lower, np.inf if upper is None else upper), n
     )
@@ -230,7 +236,7 @@ def _between(names: str, lower: ArrayLike | None, upper: ArrayLike | None, n: in
 def _parts(k: int, level: Level) -> Level:
     if not isinstance(level, tuple | list) or len(level) not in (2, 3):
         raise ValueError(
-            f"levels[{k}] must be (A, b) or (A, lower, upper), got {check.shown(level)}"
+            f"levels[{k}] must be (A, b) or (A, lower, upper), got {check.short_repr(level)}"
         )
     return level
 

@@ -1,4 +1,4 @@
-"""The optimum of Problems 1 and 6 under limits."""
+"""Optima of Problems 1 and 6 under limits."""
 
 from collections.abc import Sequence
 from typing import Literal, NamedTuple, get_args
@@ -10,22 +10,22 @@ import argument_checks as check
 from argument_checks import Array
 from argument_checks.ties import exceeds
 from prioritized._mapping.levels import Level, damped
-from prioritized._solver.arrays import beside, times
+from prioritized._solver.arrays import concatenated, times
 from prioritized._solver.limits import Limits, limits
 from prioritized._solver.packed import Equations, Packed, Point, Rows, pack, solved
 
 WhenLimited = Literal["least_squares", "scaled"]
-"""What becomes of a major task that limits hold back: least error, or its direction kept."""
+"""Treatment of a major task beyond the limits: least error, or its direction preserved."""
 _CHOICES = get_args(WhenLimited)
 
 
 class Limiting(NamedTuple):
-    """What limits the unknowns of a problem.
+    """Limits of the unknowns of a problem.
 
     Attributes:
         box: Bounds of the unknowns.
         rows: Inequality rows.
-        when: What becomes of a major task that these hold back.
+        when: Treatment of a major task beyond these limits.
     """
 
     box: Limits
@@ -34,12 +34,12 @@ class Limiting(NamedTuple):
 
     @property
     def is_box(self) -> bool:
-        """Whether there is no more than bounds of the unknowns."""
+        """Return whether there are bounds of the unknowns only."""
         return not self.rows and self.when == "least_squares"
 
     def natural(self, units: Array) -> "Limiting":
-        """These limits as those of unknowns that are measured in these units, (n,)."""
-        rows = tuple(Rows(each.G * units, each.limits) for each in self.rows)
+        """Return these limits for unknowns in natural units, (n,)."""
+        rows = tuple(Rows(block.G * units, block.limits) for block in self.rows)
         return self._replace(box=np.asarray(self.box) / units, rows=rows)
 
 
@@ -50,36 +50,37 @@ def limiting(
     rows: dict[str, tuple[ArrayLike, ArrayLike, ArrayLike] | None],
     when_limited: WhenLimited = "least_squares",
 ) -> Limiting | None:
-    """Checked limits of n unknowns and rows of them, under their names; None is no limit."""
+    """Check limits and inequality rows of n unknowns, given under their names; None is no limit."""
     if not isinstance(when_limited, str) or when_limited not in _CHOICES:
         choices = " or ".join(map(repr, _CHOICES))
-        raise ValueError(f"when_limited must be {choices}, got {check.shown(when_limited)}")
-    given = [checked_rows(label, value, n) for label, value in rows.items() if value is not None]
-    if box is None and not given:
+        raise ValueError(f"when_limited must be {choices}, got {check.short_repr(when_limited)}")
+    checked = [checked_rows(label, value, n) for label, value in rows.items() if value is not None]
+    if box is None and not checked:
         return None
-    return Limiting(limits(name, box, n), tuple(given), when_limited)
+    return Limiting(limits(name, box, n), tuple(checked), when_limited)
 
 
 def checked_rows(name: str, value: tuple[ArrayLike, ArrayLike, ArrayLike], n: int) -> Rows:
-    """Inequality rows (R, lower, upper) of n unknowns."""
+    """Check inequality rows (R, lower, upper) of n unknowns."""
     try:
         R, lower, upper = value
     except (TypeError, ValueError):
-        raise ValueError(f"{name} must be (R, lower, upper), got {check.shown(value)}") from None
+        got = check.short_repr(value)
+        raise ValueError(f"{name} must be (R, lower, upper), got {got}") from None
     G = check.array(name, R, None, n, copy=True)
     return Rows(G, limits(name, (lower, upper), len(G)))
 
 
 class Optimum(NamedTuple):
-    """The optimum of each problem of a batch, whose axes lead.
+    """Optimum of each problem of a batch, whose axes lead.
 
     Attributes:
-        packed: The problems as they were solved: unknowns are x, then where `scaled` the part of
-            the major task, then one for each inequality row.
-        point: Their solution, from which a similar problem can start.
+        packed: Problems in the form of the solver: unknowns are x, then if `scaled` the scale of
+            the major task, then one slack for each inequality row.
+        point: Result of the solver, which can warm-start a similar problem.
         n: Number of unknowns x.
         hard: Number of levels that must hold: inequality rows and constraints.
-        scaled: Whether the direction of the major task was kept.
+        scaled: Whether the direction of the major task is preserved.
         lead: Batch axes.
     """
 
@@ -92,17 +93,17 @@ class Optimum(NamedTuple):
 
     @property
     def x(self) -> Array:
-        """Shape (..., n)."""
+        """Solution, shape (..., n)."""
         return self.point.x[:, : self.n].reshape(*self.lead, self.n)
 
     @property
     def active(self) -> NDArray[np.int8]:
-        """Which limits x is at: -1 a lower, 1 an upper, 0 none, shape (..., n)."""
+        """Limits that x is at: -1 a lower, 1 an upper, 0 none, shape (..., n)."""
         return self._at_bounds[:, : self.n].reshape(*self.lead, self.n)
 
     @property
     def active_rows(self) -> NDArray[np.int8]:
-        """The same for the inequality rows, shape (..., r)."""
+        """Limits that the inequality rows are at: -1 a lower, 1 an upper, 0 none, (..., r)."""
         active = self._at_bounds[:, self.n + self.scaled :]
         return active.reshape(*self.lead, active.shape[1])
 
@@ -112,7 +113,7 @@ class Optimum(NamedTuple):
 
     @property
     def scale(self) -> Array:
-        """Part of the major task that was asked for in the end, (...)."""
+        """Fraction of the achievable major task that remains within the limits, (...)."""
         part = np.ones(len(self.point.x))
         if self.scaled:
             most = np.broadcast_to(self.packed.upper[:, self.n], part.shape)
@@ -122,8 +123,9 @@ class Optimum(NamedTuple):
 
     @property
     def infeasible(self) -> bool:
-        """Whether limits and constraints contradict each other in any problem."""
-        return self.hard > 0 and bool(self.packed.unmet(slice(0, self.hard), self.point.x).any())
+        """Return whether limits and constraints contradict each other in any problem."""
+        hard = slice(0, self.hard)
+        return self.hard > 0 and bool(self.packed.is_violated(hard, self.point.x).any())
 
 
 def optimum(
@@ -133,20 +135,21 @@ def optimum(
     tolerance: float,
     start: Point | None = None,
 ) -> Optimum:
-    """The optimum under limits of levels whose first is the constraint, the second the major task.
+    """Solve levels under limits; the first is the constraint, the second the major task.
 
     Args:
-        levels: As of the problem without limits.
-        p: What the targets of the levels multiply, (..., p).
-        limiting: The limits; None is none.
-        tolerance: Of the rank decisions.
+        levels: Levels of the problem without limits.
+        p: Factors of the targets of the levels, (..., p).
+        limiting: Limits; None is no limit.
+        tolerance: Tolerance of the rank decisions.
         start: Solution of a similar problem.
     """
     lead, n = p.shape[:-1], levels[0].A.shape[-1]
     if limiting is not None and not limiting.is_box and levels[1].damping:
         levels = [*damped(levels[:2], tolerance), *levels[2:]]
     equations = [
-        Equations(one.A, _asked(one, p), np.asarray(one.scale), one.damping) for one in levels
+        Equations(level.A, _target_rows(level, p), np.asarray(level.scale), level.damping)
+        for level in levels
     ]
     if limiting is None:
         packed = pack(equations, limits("", None, n), tolerance)
@@ -157,12 +160,12 @@ def optimum(
         equations, rows, box = _keeping_direction(equations, rows, box, achieved)
     packed = pack([*rows, *equations], box, tolerance)
     if scaled:
-        packed = packed._replace(own=n)
+        packed = packed._replace(unknowns=n)
     return Optimum(packed, solved(packed, start), n, len(rows) + 1, scaled, lead)
 
 
-def _asked(level: Level, p: Array) -> Array:
-    """What its rows are to be, (..., k)."""
+def _target_rows(level: Level, p: Array) -> Array:
+    """Return the targets of the rows of a level, (..., k)."""
     target = times(level.target, p)
     rows = level.A.shape[-2]
     return target if target.shape[-1] == rows else np.broadcast_to(target, (*p.shape[:-1], rows))
@@ -171,24 +174,25 @@ def _asked(level: Level, p: Array) -> Array:
 def _keeping_direction(
     equations: Sequence[Equations], rows: Sequence[Rows], box: Limits, achieved: Array
 ) -> tuple[list[Equations], list[Rows], Limits]:
-    """One more unknown: how much of what is achieved without limits; as much as possible."""
-    constraint, major, *rest = (each._replace(A=_with_column(each.A, 0.0)) for each in equations)
+    """Add an unknown that scales the motion achieved without limits, and a level to maximize it."""
+    wide = [level._replace(A=_with_column(level.A, 0.0)) for level in equations]
+    constraint, major, *lower_levels = wide
     size = np.linalg.norm(achieved, axis=-1, keepdims=True)
     unit = achieved / np.where(size > 0.0, size, 1.0)
-    # Of the size of the major rows, so that no rank depends on how fast the motion is.
+    # Scaled as the major rows, so that no rank depends on the speed of the motion.
     scale = np.where(major.scale > 0.0, major.scale, 1.0)[..., None]
     most = size / scale
     along = major._replace(A=_with_column(equations[1].A, -unit * scale), b=np.zeros(unit.shape))
-    one = np.zeros((1, along.A.shape[-1]))
-    one[0, -1] = 1.0
-    levels = [constraint, along, Equations(one, most, np.asarray(1.0)), *rest]
-    wide = [each._replace(G=_with_column(each.G, 0.0)) for each in rows]
+    unit_row = np.zeros((1, along.A.shape[-1]))
+    unit_row[0, -1] = 1.0
+    levels = [constraint, along, Equations(unit_row, most, np.asarray(1.0)), *lower_levels]
+    wide_rows = [block._replace(G=_with_column(block.G, 0.0)) for block in rows]
     low, high = box
-    return levels, wide, (beside(low, np.zeros_like(most)), beside(high, most))
+    return levels, wide_rows, (concatenated(low, np.zeros_like(most)), concatenated(high, most))
 
 
 def _with_column(A: Array, column: Array | float) -> Array:
-    """A matrix with one more column, leading axes broadcast."""
+    """Append a column to a matrix, broadcasting leading axes."""
     lead = np.broadcast_shapes(A.shape[:-1], np.shape(column))
     last = np.broadcast_to(column, lead)[..., None]
     return np.concatenate([np.broadcast_to(A, (*lead, A.shape[-1])), last], axis=-1)

@@ -1,4 +1,4 @@
-"""Problem 1 for diagonal weights and nothing else but J: one call of the kernel."""
+"""Problem 1 with diagonal weights and without constraints: one call of a compiled kernel."""
 
 from typing import Any
 
@@ -18,20 +18,21 @@ NAMES = "v_major", "joint_velocity", "secondary_velocity"
 
 
 class Plain:
-    """J (..., m, n) with tasks S (m1 + m2, m) and diagonal weights; None is no weight.
+    """Problem 1 for J (..., m, n), tasks S (m1 + m2, m) and diagonal weights.
 
     Attributes:
-        J: One or a batch, contiguous.
-        S: The major directions, weighed by `metric` if there is one, then the secondary ones.
+        J: One matrix or a batch, contiguous.
+        S: Major directions, multiplied by `metric` if there is one, then the secondary ones.
         metric: M (k, m1) of the major velocity, or None.
         weights: w1 (n,) and w2 (m2,), or None.
         scale: Size of J against which ranks are decided, (...); None is its norm.
-        tolerance: Of the rank decisions.
-        clear: Part of the scale up to which a singular value of the major rows is in doubt.
-        m1: Major directions.
+        tolerance: Tolerance of the rank decisions.
+        threshold: Fraction of the scale above which a singular value of the major rows is
+            certainly not zero.
+        m1: Number of major directions.
     """
 
-    __slots__ = ("J", "S", "_made", "clear", "m1", "metric", "scale", "tolerance", "weights")
+    __slots__ = ("J", "S", "_args", "m1", "metric", "scale", "threshold", "tolerance", "weights")
 
     def __init__(
         self,
@@ -42,25 +43,25 @@ class Plain:
         metric: Array | None,
         scale: Array | None,
         tolerance: float,
-        clear: float = 0.0,
+        threshold: float = 0.0,
         shape: tuple[Struct, int] | None = None,
     ) -> None:
         self.J, self.S, self.m1, self.weights, self.metric = J, S, m1, weights, metric
-        self.scale, self.tolerance, self.clear = scale, tolerance, clear
+        self.scale, self.tolerance, self.threshold = scale, tolerance, threshold
         if shape is None:
             rows = m1 if metric is None else len(metric)
             has = weights[0] is not None, weights[1] is not None
             count = int(np.prod(J.shape[:-2]))
-            shape = shape_of(S, rows, J.shape[-1], has, tolerance, clear, count)
-        self._made = *shape, pointer(J), *map(_or_none, (scale, *weights))
+            shape = shape_of(S, rows, J.shape[-1], has, tolerance, threshold, count)
+        self._args = *shape, pointer(J), *map(_or_none, (scale, *weights))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Pointers are no use elsewhere.
-        rest = self.weights, self.metric, self.scale, self.tolerance, self.clear
-        return Plain, (self.J, self.S, self.m1, *rest)
+        # Pointers cannot be pickled.
+        others = self.weights, self.metric, self.scale, self.tolerance, self.threshold
+        return Plain, (self.J, self.S, self.m1, *others)
 
     def problem(self, S_m: Array, S_s: Array) -> Problem:
-        """The checked arguments that it stands for."""
+        """Return the equivalent general problem."""
         *lead, m, n = self.J.shape
         W1, W2 = (
             none((0, k)) if w is None else np.diag(w)
@@ -74,8 +75,8 @@ class Plain:
 
     @property
     def is_moderate(self) -> bool:
-        """Whether all numbers are finite, and no product of them over- or underflows."""
-        problem, _, J, _, w1, w2 = self._made
+        """Return whether all numbers are finite, and no product of them over- or underflows."""
+        problem, _, J, _, w1, w2 = self._args
         return lib.problem1_fits(problem.pointer, J, w1, w2)
 
     def rates(
@@ -85,17 +86,18 @@ class Plain:
         secondary_velocity: ArrayLike | None,
         box: Limits | None,
     ) -> Array | None:
-        """Optimal rates (..., n) within limits (2, n); None where the general way must be taken.
+        """Return the optimal rates (..., n) within limits (2, n); None requires the general solver.
 
-        That is for targets with other leading axes than J, and where a rank is in doubt.
+        None is returned for targets with leading axes other than those of J, and if a rank may be
+        deficient.
         """
-        given = v_major, joint_velocity, secondary_velocity
-        problem, room, *first = self._made
+        values = v_major, joint_velocity, secondary_velocity
+        problem, workspace, *first = self._args
         lead, n, m1 = self.J.shape[:-2], self.J.shape[-1], self.m1
         sizes = m1, n, len(self.S) - (m1 if self.metric is None else len(self.metric))
         targets: list[Any] = []
-        for i, value in enumerate(given):
-            # A call of the argument checks would take as long as the arithmetic.
+        for i, value in enumerate(values):
+            # Argument checks would take as long as the arithmetic.
             if type(value) is np.ndarray and value.dtype is _FLOAT64:
                 target = value
             else:
@@ -111,16 +113,19 @@ class Plain:
                 target = target.dot(self.metric.T)
             targets.append(target)
         x, limits = np.empty((*lead, sizes[1])), None if box is None else np.asarray(box)
-        made = ffi.NULL if room <= lib.OWN_ROOM else pointer(np.empty(room)), pointer(x)
+        outputs = (
+            ffi.NULL if workspace <= lib.OWN_ROOM else pointer(np.empty(workspace)),
+            pointer(x),
+        )
         try:
-            there = [_or_none(target) for target in (*targets, limits)]
-        except ValueError:  # not contiguous, as few are
-            there = [
+            inputs = [_or_none(target) for target in (*targets, limits)]
+        except ValueError:  # not contiguous, which is rare
+            inputs = [
                 _or_none(None if A is None else np.array(A, order="C")) for A in (*targets, limits)
             ]
-        code = lib.problem1_solve(problem.pointer, *first, *there, *made)
+        code = lib.problem1_solve(problem.pointer, *first, *inputs, *outputs)
         if code == lib.PROBLEM1_REFUSED:
-            for name, value, size in zip(NAMES, given, sizes, strict=True):
+            for name, value, size in zip(NAMES, values, sizes, strict=True):
                 if value is not None:
                     check.array(name, value, ..., size)
         return x if code == lib.PROBLEM1_SOLVED else None
@@ -132,19 +137,20 @@ def shape_of(
     n: int,
     has: tuple[bool, bool],
     tolerance: float,
-    clear: float = 0.0,
+    threshold: float = 0.0,
     count: int = 1,
 ) -> tuple[Struct, int]:
-    """All that is no J or weight, as the kernel takes it, and the room that it needs.
+    """Return the kernel's description of a problem without J and weights, and its workspace size.
 
     Args:
         S: As in :class:`Plain`.
         m1: Rows of S that are major.
-        n: Rates.
-        has: Whether there are w1 and w2.
-        tolerance: Of the rank decisions.
-        clear: Part of the scale up to which a singular value of the major rows is in doubt.
-        count: Of J.
+        n: Number of rates.
+        has: Whether w1 and w2 are given.
+        tolerance: Tolerance of the rank decisions.
+        threshold: Fraction of the scale above which a singular value of the major rows is
+            certainly not zero.
+        count: Number of matrices J.
     """
     problem = Struct(
         "problem1",
@@ -157,7 +163,7 @@ def shape_of(
         joint=has[0],
         secondary=has[1],
         tolerance=tolerance,
-        clear=clear,
+        clear=threshold,
         S=S,
     )
     return problem, lib.problem1_room(problem.pointer)
@@ -167,10 +173,10 @@ def _or_none(A: Array | None) -> Any:
     return ffi.NULL if A is None else pointer(A)
 
 
-def plain_of(problem: Problem, clear: float = 0.0) -> Plain | None:
-    """A checked problem as one of these, if its weights are diagonals and nothing else is given.
+def plain_of(problem: Problem, threshold: float = 0.0) -> Plain | None:
+    """Convert a checked problem if its weights are diagonal and it has no constraints; else None.
 
-    It does not answer where singular values may be below `clear` parts of the scale.
+    The kernel does not solve it if singular values may be below `threshold` times the scale.
     """
     J, S_m, S_s, W1, W2, C, _, M, T, scale, tolerance, lead = problem
     if C.size or T.size or J.shape[:-2] != lead or not tolerance:
@@ -183,7 +189,7 @@ def plain_of(problem: Problem, clear: float = 0.0) -> Plain | None:
     S = np.ascontiguousarray(np.concatenate([S_m if M is None else M @ S_m, S_s]))
     sizes = np.ascontiguousarray(np.broadcast_to(scale, lead), float).reshape(-1)
     J = np.ascontiguousarray(J)
-    plain = Plain(J, S, len(S_m), (w1, w2), M, sizes, tolerance, clear)
+    plain = Plain(J, S, len(S_m), (w1, w2), M, sizes, tolerance, threshold)
     return plain if plain.is_moderate else None
 
 

@@ -1,4 +1,4 @@
-"""The checked arguments that Problems 1 and 6 have in common."""
+"""Checked arguments common to Problems 1 and 6."""
 
 from collections.abc import Callable, Sequence
 from math import prod
@@ -18,7 +18,7 @@ _LEAST, _MOST = 1e-50, 1e50
 
 
 class Problem(NamedTuple):
-    """Checked copies of the arguments of a mapping; what was None has no rows or columns."""
+    """Checked copies of the arguments of a mapping; absent ones have no rows or columns."""
 
     J: Array  # (..., m, n)
     S_m: Array  # (m1, m)
@@ -53,21 +53,21 @@ class Problem(NamedTuple):
 
     @property
     def has_ties(self) -> bool:
-        """Whether the least norm of all unknowns decides, no diagonal weight being on each."""
+        """Return whether the least norm of all unknowns breaks ties, as without weights on all."""
         W, n = self.weight, self.J.shape[-1]
-        settled = W.ndim == 2 and len(W) == n and bool(W.diagonal().all())
-        return not self.tie_metric.size and not (settled and np.count_nonzero(W) == n)
+        is_positive = W.ndim == 2 and len(W) == n and bool(W.diagonal().all())
+        return not self.tie_metric.size and not (is_positive and np.count_nonzero(W) == n)
 
     @property
     def exact(self) -> float:
-        """Part of `tolerance` at which ranks of numbers are decided that do not depend on J.
+        """Factor from `tolerance` to the tolerance of ranks that do not depend on J.
 
-        However inaccurate the geometry, weights are what they are but for round-off.
+        Weights are exact up to round-off, also if the geometry is inaccurate.
         """
         return exact_part(self.tolerance)
 
     def natural(self, task_units: Array, rate_units: Array | float) -> "Problem":
-        """Problem of a J (..., m, n) whose rows and columns are in these natural units.
+        """Return the problem for a J (..., m, n) with rows and columns in these natural units.
 
         Major and secondary task stay in their own units, rates are in the natural ones.
         """
@@ -79,25 +79,25 @@ class Problem(NamedTuple):
         )
 
     def flat(self) -> "Problem":
-        """The same problems with one batch axis, on those arrays that have any."""
+        """Return the same problems with one batch axis, on those arrays that have any."""
 
-        def flattened(A: Array, own: int) -> Array:
-            if A.ndim == own:
+        def flattened(A: Array, axes: int) -> Array:
+            if A.ndim == axes:
                 return A
-            shape = A.shape[A.ndim - own :]
+            shape = A.shape[A.ndim - axes :]
             return np.broadcast_to(A, (*self.lead, *shape)).reshape(prod(self.lead), *shape)
 
         return self._map(flattened, lead=(prod(self.lead),))
 
     def part(self, which: slice | Mask) -> "Problem":
-        """Some of the problems of a flat batch."""
+        """Return some problems of a flat batch."""
         return self._map(
-            lambda A, own: A if A.ndim == own else A[which],
+            lambda A, axes: A if A.ndim == axes else A[which],
             lead=np.empty(self.lead, dtype=bool)[which].shape,
         )
 
     def _map(self, change: Callable[[Array, int], Array], lead: tuple[int, ...]) -> "Problem":
-        """Each array that may be a batch changed, given how many axes one of the batch has."""
+        """Apply a function of an array and its number of unbatched axes to each batchable array."""
         M = self.major_metric
         return self._replace(
             J=change(self.J, 2),
@@ -113,7 +113,7 @@ class Problem(NamedTuple):
 
 
 def exact_part(tolerance: float) -> float:
-    """Part of a rank tolerance that round-off alone would need."""
+    """Return the fraction of a rank tolerance that round-off alone would need."""
     return min(1.0, RANK_TOLERANCE / tolerance) if tolerance else 1.0
 
 
@@ -132,7 +132,7 @@ def checked(
     scale: ArrayLike | None,
     rank_tolerance: float,
 ) -> Problem:
-    """The arguments of a mapping, checked; `weight_name` is the caller's name of `weight`."""
+    """Check the arguments of a mapping; `weight_name` is the caller's name of `weight`."""
     J = check.array("J", J, ..., None, None, copy=True)
     m, n = J.shape[-2:]
     tolerance = check.number("rank_tolerance", rank_tolerance, 0.0, 0.5)
@@ -176,9 +176,9 @@ def _weight(name: str, value: ArrayLike | None, size: int) -> Array:
 
 
 def _of_moderate_size(*weights: Array) -> tuple[Array, ...]:
-    """Weights of one sum, all scaled by one power of two where products could under- or overflow.
+    """Scale the weights of one sum by one power of two if products could under- or overflow.
 
-    Only their ratios matter, so the result is the same, round-off included.
+    Only their ratios matter, so that the result is identical, round-off included.
     """
     for W in weights:  # the common case
         if W.ndim == 2 and _LEAST < norm(W) < _MOST:
@@ -195,5 +195,6 @@ def _of_moderate_size(*weights: Array) -> tuple[Array, ...]:
 def _metric(value: ArrayLike, m1: int, tolerance: float) -> Array:
     M = check.array("major_metric", check.weight("major_metric", value, m1), ..., None, m1)
     if np.any(ranked_svd(M, frobenius(M), tolerance).rank < m1):
-        raise ValueError(f"major_metric must weigh every major direction, got {check.shown(value)}")
+        got = check.short_repr(value)
+        raise ValueError(f"major_metric must weigh every major direction, got {got}")
     return M

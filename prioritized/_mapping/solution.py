@@ -1,4 +1,4 @@
-"""What the mappings answer under limits."""
+"""Solutions of the mappings under limits."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Limited(ReadOnly):
-    """An optimum under limits.
+    """Optimum of a mapping under limits.
 
     Attributes:
-        mapping: That gave it.
-        targets: The major task, and what is desired beside it, (..., p).
-        optimum: The solver's answer.
+        mapping: Mapping that was solved.
+        targets: Major task and desired secondary quantities, (..., p).
+        optimum: Result of the solver.
     """
 
     mapping: "VelocityMapping | ForceMapping"
@@ -36,46 +36,46 @@ class Limited(ReadOnly):
     optimum: Optimum
 
     @property
-    def asked(self) -> Array:
-        """The major task as the problem states it, shape (..., m1)."""
+    def major_target(self) -> Array:
+        """Target of the major task in the units of the problem, shape (..., m1)."""
         return self.targets[..., : len(self.mapping._problem.S_m)]
 
     @cached_property
     def unlimited(self) -> Array:
-        """The unknowns without limits, (..., n)."""
+        """Unknowns without limits, (..., n)."""
         mapping = self.mapping
         return optimum(mapping._levels, self.targets, None, mapping._problem.tolerance).x
 
     @property
     def residual(self) -> Array:
-        """Part of the major task that is not reached, shape (..., m1)."""
-        return read_only(np.asarray(self.asked - self._major(self.optimum.x)))
+        """Part of the major task that is not achieved, shape (..., m1)."""
+        return read_only(np.asarray(self.major_target - self._major(self.optimum.x)))
 
     @property
     def scale(self) -> Array:
-        """Part of the achievable major task that was asked for in the end, (...).
+        """Fraction of the achievable major task that remains within the limits, (...).
 
-        Below 1 where limits hold it back and `when_limited` is "scaled".
+        Below 1 if limits restrict it and `when_limited` is "scaled".
         """
         return self.optimum.scale
 
     @property
     def point(self) -> Point:
-        """Where the solver ended, from which it can start again."""
+        """Result of the solver, which can warm-start another solution."""
         return self.optimum.point
 
     @cached_property
     def limited(self) -> Mask:
-        """Whether limits hold the major task back, (...)."""
+        """Return whether limits restrict the major task, (...)."""
         lost = np.linalg.norm(self._major(self.optimum.x - self.unlimited), axis=-1)
         terms = np.abs(self.mapping._levels[1].A).sum(axis=(-2, -1))
         round_off = 1e3 * ROUND_OFF * terms * np.linalg.norm(self.unlimited, axis=-1)
-        held_back = lost > ACCURACY * np.linalg.norm(self.asked, axis=-1) + round_off
-        return read_only(np.asarray(held_back))
+        is_limited = lost > ACCURACY * np.linalg.norm(self.major_target, axis=-1) + round_off
+        return read_only(np.asarray(is_limited))
 
     @property
     def status(self) -> Status:
-        """What holds for every problem of the batch; the value says what to do."""
+        """Status that holds for every problem of the batch; its value says what to do."""
         conditions = {
             Status.UNFINISHED: lambda: not self.optimum.point.ended.all(),
             Status.INFEASIBLE: lambda: self.optimum.infeasible,
@@ -86,19 +86,19 @@ class Limited(ReadOnly):
         return status_of(conditions, self.mapping.status)
 
     def _major(self, x: Array) -> Array:
-        """The major task of the unknowns."""
+        """Return the major task of the unknowns."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
 class VelocitySolution(Limited):
-    """The optimal rates under limits; made by :meth:`VelocityMapping.solve`."""
+    """Optimal rates under limits; created by :meth:`VelocityMapping.solve`."""
 
     mapping: "VelocityMapping"
 
     @property
     def rates(self) -> Array:
-        """Of the surviving actuators, within the limits exactly, shape (..., n)."""
+        """Rates of the surviving actuators, within the limits exactly, shape (..., n)."""
         return self.mapping._own_rates(self.optimum.x)
 
     @property
@@ -108,7 +108,7 @@ class VelocitySolution(Limited):
 
     @property
     def active_rows(self) -> NDArray[np.int8]:
-        """The same for the inequality rows, (..., r)."""
+        """Limits that the inequality rows are at: -1 the lower, 1 the upper, 0 none, (..., r)."""
         return self.optimum.active_rows
 
     def _major(self, x: Array) -> Array:
@@ -116,32 +116,32 @@ class VelocitySolution(Limited):
 
     @cached_property
     def gains(self) -> Array:
-        """Change of the rates per change of [v_m; rates_d; v_sd] while these limits are active.
+        """Derivative of the rates by [v_m; rates_d; v_sd] with these limits active.
 
-        Shape (..., n, m1 + n + m2); rows of actuators at their limits are zero. With
-        `when_limited` "scaled", v_m is the one that is left of it.
+        Shape (..., n, m1 + n + m2); rows of actuators at their limits are zero. With `when_limited`
+        "scaled", v_m is the scaled one.
         """
         free = self.active_limits[..., None, :] == 0
-        levels = [each._replace(A=each.A * free) for each in self.mapping._levels]
+        levels = [level._replace(A=level.A * free) for level in self.mapping._levels]
         nothing = np.zeros((1, levels[0].target.shape[-1]))
         rows, first = [], 0
-        for each in self.mapping._rows:
-            held = self.active_rows[..., first : first + len(each.G), None] != 0
-            first += len(each.G)
-            rows.append(Level(each.G * held * free, nothing, frobenius(each.G)))
+        for block in self.mapping._rows:
+            is_active = self.active_rows[..., first : first + len(block.G), None] != 0
+            first += len(block.G)
+            rows.append(Level(block.G * is_active * free, nothing, frobenius(block.G)))
         X, _ = lexicographic([*rows, *levels], self.mapping._problem.tolerance)
         return read_only(self.mapping._own_gains(X * np.swapaxes(free, -1, -2)))
 
 
 @dataclass(frozen=True, eq=False)
 class ForceSolution(Limited):
-    """The optimal torques under limits; made by :meth:`ForceMapping.solve`."""
+    """Optimal torques under limits; created by :meth:`ForceMapping.solve`."""
 
     mapping: "ForceMapping"
 
     @property
     def torques(self) -> Array:
-        """Of the surviving actuators, within the limits exactly, shape (..., n)."""
+        """Torques of the surviving actuators, within the limits exactly, shape (..., n)."""
         limit, units = self.mapping._rows[0], self.mapping._units
         torques = times(limit.G, self.optimum.x)
         if units is not None:
@@ -156,24 +156,24 @@ class ForceSolution(Limited):
 
     @property
     def active_rows(self) -> NDArray[np.int8]:
-        """The same for `torque_rows`, then `force_rows`, (..., r)."""
+        """Limits that `torque_rows`, then `force_rows` are at: -1, 1, or 0 for none, (..., r)."""
         return self.optimum.active_rows[..., len(self.mapping._rows[0].limits[0]) :]
 
     @property
     def residual(self) -> Array:
         """Part of the major force that no equilibrium within the limits admits, (..., m1)."""
-        lacking, units = super().residual, self.mapping._units
-        return lacking if units is None else read_only(lacking / units.measure.major)
+        residual, units = super().residual, self.mapping._units
+        return residual if units is None else read_only(residual / units.measure.major)
 
     @property
     def secondary_force(self) -> Array:
-        """The secondary force f_s that goes with the torques, shape (..., m2)."""
+        """Secondary force f_s that belongs to the torques, shape (..., m2)."""
         force, units = self._parts[1], self.mapping._units
         return force if units is None else force / units.secondary
 
     @property
     def internal_force(self) -> Array:
-        """The internal force eta that goes with them, shape (..., r): one per row of C."""
+        """Internal force eta that belongs to the torques, one per row of C, shape (..., r)."""
         force, units = self._parts[2], self.mapping._units
         return force if units is None else times(units.internal, force)
 

@@ -1,4 +1,4 @@
-"""Major and secondary directions of the task, and how well a mapping meets the major task."""
+"""Major and secondary directions of the task, and the status of a mapping."""
 
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
@@ -15,9 +15,9 @@ from prioritized._solver.rank import RANK_TOLERANCE, frobenius, ranked_svd
 
 
 class Status(Enum):
-    """How well a mapping meets the major task; the value says what to do about it.
+    """Quality of the solution of the major task; the value says what to do about it.
 
-    What holds first in this order is the status: see :func:`status_of`.
+    The first condition that holds in this order is the status: see :func:`status_of`.
     """
 
     UNFINISHED = (
@@ -29,19 +29,19 @@ class Status(Enum):
         "violated least; widen the limits, or drop constraints"
     )
     SELF_MOTION = (
-        "the major task can move with every actuator locked, so no mapping can hold it: brake a "
+        "the major task can move with every actuator locked, so no mapping can control it: brake a "
         "joint, drop major rows, or give the system the stiffness that resists this motion"
     )
     SCALED = (
-        "limits hold the major task back, whose direction is kept: see scale and active_limits, "
-        "ask for less, or widen these limits"
+        "limits restrict the major task, whose direction is preserved: see scale and "
+        "active_limits, command less, or widen these limits"
     )
     LIMITED = (
-        "limits hold the major task back, which is met in the least-squares sense: "
-        "see the residual and active_limits, ask for less, or widen these limits"
+        "limits restrict the major task, which is met in the least-squares sense: "
+        "see the residual and active_limits, command less, or widen these limits"
     )
     LEAST_SQUARES = (
-        "part of the major task is out of reach and is met in the least-squares sense: "
+        "part of the major task is unreachable and is met in the least-squares sense: "
         "see the residual, drop major rows, or restore an actuator"
     )
     UNSEEN = (
@@ -54,8 +54,10 @@ class Status(Enum):
 
 
 def status_of(conditions: Mapping[Status, Callable[[], object]], otherwise: Status) -> Status:
-    """Decide a status: the first, in the order of the class, whose condition holds."""
-    return next((each for each in Status if each in conditions and conditions[each]()), otherwise)
+    """Return the first status, in the order of the class, whose condition holds."""
+    return next(
+        (status for status in Status if status in conditions and conditions[status]()), otherwise
+    )
 
 
 def task_selection(
@@ -64,7 +66,7 @@ def task_selection(
     m: int,
     tolerance: float = RANK_TOLERANCE,
 ) -> tuple[Array, Array]:
-    """Selection matrices S_m (m1, m), S_s (m2, m): v_m = S_m v, v_s = S_s v, eq. (15).
+    """Return selection matrices S_m (m1, m), S_s (m2, m): v_m = S_m v, v_s = S_s v, eq. (15).
 
     By the balance of power, f = S_m^T f_m + S_s^T f_s.
     """
@@ -76,11 +78,11 @@ def task_selection(
     if np.ndim(major) == 2:
         full = ranked_svd(S_m, frobenius(S_m), tolerance, full=True)
         return S_m, canonical(full.Vt[int(full.rank) :].T).T
-    return S_m, _rest(S_m)
+    return S_m, _remaining_rows(S_m)
 
 
 def are_rows(value: Sequence[int] | ArrayLike) -> TypeGuard[Sequence[int]]:
-    """Whether these are plain row numbers in a list, the common case, whose matrices are cached."""
+    """Return whether these are integers in a list, the common case, whose matrices are cached."""
     return (type(value) is list or type(value) is tuple) and _INT.issuperset(map(type, value))
 
 
@@ -92,16 +94,16 @@ def _of_rows(
     major: tuple[int, ...], secondary: tuple[int, ...] | None, m: int
 ) -> tuple[Array, Array]:
     S_m = rows_of("major", major, m)
-    S_s = _rest(S_m) if secondary is None else rows_of("secondary", secondary, m)
+    S_s = _remaining_rows(S_m) if secondary is None else rows_of("secondary", secondary, m)
     return check.frozen(S_m), check.frozen(S_s)
 
 
-def _rest(S_m: Array) -> Array:
+def _remaining_rows(S_m: Array) -> Array:
     return np.eye(S_m.shape[1])[S_m.sum(axis=0) == 0]
 
 
 def rows_of(name: str, rows: Sequence[int] | ArrayLike, m: int) -> Array:
-    """Row numbers or directions as a selection matrix (k, m)."""
+    """Convert row numbers or directions to a selection matrix (k, m)."""
     try:
         directions = not check.is_masked(rows) and np.ndim(rows) == 2
     except ValueError:

@@ -1,4 +1,4 @@
-"""What a level of a hierarchy asks for, and for which targets."""
+"""Tasks of the levels of a hierarchy, and their targets."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,21 +17,21 @@ from prioritized._solver.limits import limits
 
 @dataclass(frozen=True, eq=False)
 class Task(ReadOnly):
-    """What one level of a hierarchy asks for, |W (S J rates - target)|.
+    """Task of one level of a hierarchy, |W (S J rates - target)|.
 
     Attributes:
         rows: Task rows S: numbers, a slice such as `jac.rows["tool"]`, or directions (k, m); None
-            are the rates themselves.
-        weight: W, diagonal (k,) or matrix (., k); None is the identity. Where no task of a level
-            has one, its angles and lengths are measured with the mechanism's own length.
-        interval: Whether the target is a pair (lower, upper) for S J rates to lie between.
+            is the rates themselves.
+        weight: W, diagonal (k,) or matrix (., k); None is the identity. If no task of a level has a
+            weight, its angles and lengths are related by the mechanism's own length.
+        interval: Whether the target is a pair (lower, upper) of bounds of S J rates.
         damping: Tikhonov damping of this level alone, in units of the singular values of W S J on
-            what the levels before it leave. It keeps the rates that the level adds below
-            |W target| / (2 damping) and makes the level inexact; those after it keep the rest.
-            Where a level has several tasks, the largest of theirs.
+            the null space of the previous levels. It keeps the rates that the level adds below |W
+            target| / (2 damping) and makes the level inexact; the null space of later levels is
+            unchanged. If a level has several tasks, the largest value applies.
 
     Raises:
-        ValueError: A weight or a damping of an interval, or a damping below zero.
+        ValueError: An interval has a weight or damping, or the damping is negative.
     """
 
     rows: Sequence[int] | slice | ArrayLike | None
@@ -40,10 +40,10 @@ class Task(ReadOnly):
     damping: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what has no meaning; keep copies of arrays and lists."""
+        """Check the fields and copy arrays and lists."""
         check.flag("interval", self.interval)
         if self.interval and self.weight is not None:
-            raise ValueError("weight must be None for an interval, whose rows count alike")
+            raise ValueError("weight must be None for an interval, whose rows have equal weights")
         object.__setattr__(self, "damping", check.number("damping", self.damping, 0.0))
         if self.interval and self.damping:
             raise ValueError(f"damping must be 0 for an interval, got {self.damping:g}")
@@ -56,12 +56,12 @@ class Task(ReadOnly):
 
     @classmethod
     def joints(cls, weight: ArrayLike | None = None, damping: float = 0.0) -> "Task":
-        """The rates of all actuators, |W (rates - target)|: W of the survivors, or of all n."""
+        """Return a task on the rates, |W (rates - target)|, with W of the survivors or of all n."""
         return cls(None, weight, damping=damping)
 
 
 class Part(NamedTuple):
-    """A task of a level: rows S (k, m), None for the n rates; W (., k), None for the identity."""
+    """Task of a level: rows S (k, m), None for the n rates; W (., k), None for the identity."""
 
     S: Array | None
     W: Array | None
@@ -69,23 +69,23 @@ class Part(NamedTuple):
     size: int
 
     def of(self, J: Array) -> Array:
-        """Its rows on the rates for J (m, n), shape (k, n)."""
+        """Return the rows of the task on the rates for J (m, n), shape (k, n)."""
         return np.eye(J.shape[1]) if self.S is None else self.S @ J
 
     @property
     def matrix(self) -> Array:
-        """W, shape (., k)."""
+        """Weight W, shape (., k)."""
         return np.eye(self.size) if self.W is None else self.W
 
     def weighted(self, m: int, n: int) -> tuple[Array, Array]:
-        """Weighted rows on m task rows and on n rates, to be added: W S (., m), or W (., n)."""
+        """Return weighted rows on m task rows, W S (., m), and on n rates, W (., n)."""
         W = self.matrix
         if self.S is None:
             return np.zeros((len(W), m)), W
         return W @ self.S, np.zeros((len(W), n))
 
-    def lacking(self, target: Array, J: Array, rates: Array) -> Array:
-        """Target (k,) less what is achieved; for an interval (2, k) what lacks to lie in it."""
+    def residual(self, target: Array, J: Array, rates: Array) -> Array:
+        """Return target (k,) minus achieved value; for an interval (2, k) the distance to it."""
         achieved = self.of(J) @ rates
         return achieved.clip(*target) - achieved if self.interval else target - achieved
 
@@ -94,10 +94,10 @@ Level = tuple[Part, ...]
 
 
 def tasks_of(name: str, level: Task | Sequence[Task]) -> tuple[Task, ...]:
-    """The tasks of a level."""
+    """Check and return the tasks of a level."""
     tasks = [level] if isinstance(level, Task) else level
     if not isinstance(tasks, Sequence) or not tasks:
-        raise ValueError(f"{name} must be a Task or a list of tasks, got {check.shown(level)}")
+        raise ValueError(f"{name} must be a Task or a list of tasks, got {check.short_repr(level)}")
     for task in tasks:
         check.instance(name, task, Task)
     if len(tasks) > 1 and any(task.interval for task in tasks):
@@ -106,7 +106,7 @@ def tasks_of(name: str, level: Task | Sequence[Task]) -> tuple[Task, ...]:
 
 
 def level_of(name: str, tasks: tuple[Task, ...], task_units: Array, rate_units: Array) -> Level:
-    """The parts of a level, its angles and lengths in one norm where no weight of it is stated."""
+    """Return the parts of a level, with a metric for angles and lengths if it has no weights."""
     parts = tuple(_part(name, task, len(task_units), len(rate_units)) for task in tasks)
     if any(task.weight is not None or task.interval for task in tasks):
         return parts
@@ -126,7 +126,7 @@ def _part(name: str, task: Task, m: int, n: int) -> Part:
 
 
 def _selected(name: str, task: Task, m: int) -> Array | None:
-    """Rows S of the task, (k, m); None for rates."""
+    """Return the rows S of the task, (k, m); None for rates."""
     rows = task.rows
     if rows is None:
         return None
@@ -136,15 +136,15 @@ def _selected(name: str, task: Task, m: int) -> Array | None:
 
 
 def targets_of(name: str, level: Level, target: Any) -> tuple[Array, ...]:
-    """Target of each task of a level: (k,), or (2, k) for an interval."""
+    """Check the target of each task of a level: (k,), or (2, k) for an interval."""
     if len(level) == 1:
         return (_target(name, level[0], target),)
-    each = [None] * len(level) if target is None else target
-    if not isinstance(each, Sequence) or len(each) != len(level):
+    targets = [None] * len(level) if target is None else target
+    if not isinstance(targets, Sequence) or len(targets) != len(level):
         raise ValueError(
-            f"{name} must be {len(level)} targets, one a task, got {check.shown(target)}"
+            f"{name} must be {len(level)} targets, one a task, got {check.short_repr(target)}"
         )
-    return tuple(_target(name, part, one) for part, one in zip(level, each, strict=True))
+    return tuple(_target(name, part, value) for part, value in zip(level, targets, strict=True))
 
 
 def _target(name: str, part: Part, target: Any) -> Array:

@@ -1,4 +1,4 @@
-"""The optimum of a hierarchy at one pose after another, where nothing is in doubt."""
+"""Compiled solution of a hierarchy at successive poses, for well-conditioned ones."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +12,7 @@ import argument_checks as check
 from argument_checks import Array, Indices
 from argument_checks.ties import ACCURACY
 from kernels import Struct, ffi, lib, pointer
-from prioritized._mapping.asked import Asked
+from prioritized._mapping.level_specs import LevelSpecs
 from prioritized._mechanism.conditioning import well_conditioned_above
 from prioritized._mechanism.elimination import Partition
 from prioritized._mechanism.from_model import error_bound_of
@@ -26,43 +26,43 @@ if TYPE_CHECKING:
 
 
 _CLEAR = ROUND_OFF / ACCURACY
-"""Part of a scale above which a singular value is regular: any way then finds nine digits."""
+"""Fraction of a scale above which a singular value is regular: every method then agrees to 1e-9."""
 
 
-class Plan(NamedTuple):
-    """What ``tick_plan`` in ``kernels.h`` names.
+class TickData(NamedTuple):
+    """Pose-independent data of the per-tick solver, ``tick_plan`` in ``kernels.h``.
 
     Attributes:
         order: Passive velocities that move, then the rates, (p + n,).
-        idle: Passive velocities that stay at rest.
-        levels: What is asked for.
-        errors: Size of the errors of J_C and J_T per bound of them, and the part of J_C and of J
-            up to which a singular value is in doubt.
-        units: Natural units of the task rows, of those of the loops, and of the velocities.
+        stationary: Passive velocities that stay at rest.
+        levels: Rows and targets of the levels.
+        errors: Size of the errors of J_C and J_T per bound of them, and the fraction of J_C and of
+            J above which a singular value is certainly not zero.
+        units: Natural units of the task rows, of the loop rows, and of the velocities.
     """
 
     order: Indices
-    idle: Indices
-    levels: "Levels"
+    stationary: Indices
+    levels: "TickLevels"
     errors: tuple[float, float, float]
     units: tuple[Array, Array, Array]
 
     @classmethod
-    def of(cls, asked: Asked, mechanism: "Kinematics") -> "Plan | None":
-        """Of a mechanism at any pose; None where it has springs, or a level is an interval."""
+    def of(cls, specs: LevelSpecs, mechanism: "Kinematics") -> "TickData | None":
+        """Return the data of a mechanism at any pose; None for springs or intervals."""
         system = mechanism.system
-        active, is_interval = system.joints.active, any(each[0].interval for each in asked.levels)
+        active, is_interval = system.joints.active, any(level[0].interval for level in specs.levels)
         if is_interval or not system.is_rigid or not len(active):
             return None
-        moving, idle = _widest_last(system)
+        moving, stationary = _widest_last(system)
         order = np.concatenate([moving, active])
         of = system.geometry
         units = of.task_units, of.constraint_units, of.velocity_units
-        return cls(order, idle, Levels.of(asked), _errors(of), units)
+        return cls(order, stationary, TickLevels.of(specs), _errors(of), units)
 
     def for_kernel(self, c: int, N: int) -> Struct:
-        """The same for :data:`kernels.lib` and J_C (c, N)."""
-        _, _, of, (error_C, error_T, doubt), (rows_T, rows_C, velocities) = self
+        """Return the data as a struct for :data:`kernels.lib` and J_C (c, N)."""
+        _, _, of, (error_C, error_T, threshold), (rows_T, rows_C, velocities) = self
         m, (k, n), t = of.S.shape[1], of.R.shape, of.T.shape[1]
         sizes = {
             "m": m,
@@ -78,10 +78,10 @@ class Plan(NamedTuple):
             "tick_plan",
             **sizes,
             levels=len(of.ends),
-            e=of.beside,
-            idles=len(self.idle),
+            e=of.norm_rows,
+            idles=len(self.stationary),
             order=self.order,
-            idle=self.idle,
+            idle=self.stationary,
             S=of.S,
             R=of.R if of.R.any() else None,
             D=of.D,
@@ -93,27 +93,27 @@ class Plan(NamedTuple):
             ends=of.ends,
             error_C=error_C,
             error_T=error_T,
-            doubt=doubt,
+            doubt=threshold,
             task_units=rows_T,
             loop_units=rows_C,
             velocity_units=velocities,
         )
 
 
-class Levels(NamedTuple):
-    """Rows S J + R of all levels, and a weighted norm of the rates beside the last or after it.
+class TickLevels(NamedTuple):
+    """Rows S J + R of all levels, and a weighted norm of the rates in or after the last one.
 
     Attributes:
         S: Shape (k, m).
         R: Shape (k, n).
-        T: What the rows are to be, and then, where they have weights, the rates: (., t).
-        ends: Of each level, (levels,).
-        damping: Likewise.
-        weight: Of the rates, (n,); None is |rates|.
-        beside: How many rows of the last level stand beside that norm.
-        D: Directions of the task in these rows, (d, m).
+        T: Targets of the rows and then, if they have weights, of the rates, per target: (., t).
+        ends: End of each level, (levels,).
+        damping: Damping of each level, (levels,).
+        weight: Weights of the rates, (n,); None is |rates|.
+        norm_rows: Number of rows of the last level that are added to the weighted norm.
+        D: Directions of the task in the rows added to the norm, (d, m).
         sizes: 2-norm of S of each level, then of all directions of the task, (levels + 1,).
-        on_rates: What may be zero of R of each level, (levels,).
+        on_rates: Magnitude up to which entries of R of each level are zero, (levels,).
     """
 
     S: Array
@@ -122,146 +122,151 @@ class Levels(NamedTuple):
     ends: NDArray[np.int32]
     damping: Array
     weight: Array | None
-    beside: int
+    norm_rows: int
     D: Array
     sizes: Array
     on_rates: Array
 
     @classmethod
-    def of(cls, asked: Asked) -> "Levels":
-        """As they were asked for."""
-        stacked, levels, ties = asked.stacked, asked.levels, asked.ties.A
-        S, R, T = stacked.split(stacked.on_task), stacked.split(stacked.on_rates), _rights(asked)
-        damping, weight, wanted, D, beside = list(asked.damping), None, [], [], 0
+    def of(cls, specs: LevelSpecs) -> "TickLevels":
+        """Convert the specification of the levels."""
+        level_rows, levels, ties = specs.level_rows, specs.levels, specs.ties.A
+        S, R, T = (
+            level_rows.split(level_rows.on_task),
+            level_rows.split(level_rows.on_rates),
+            _target_matrices(specs),
+        )
+        damping, weight, rate_targets, D, norm_rows = list(specs.damping), None, [], [], 0
         none_of_task, is_norm = none((len(ties), S[0].shape[1])), R[-1].any(axis=1)
-        own = _diagonal(R[-1][is_norm]) if stacked.rates_last and not damping[-1] else None
-        if own is not None and (own.all() or (own.any() and not len(ties))):
-            weight, ties = own, ties[:0]
-            square = np.where(own > 0.0, own, 1.0)[:, None] ** 2
-            wanted = [R[-1][is_norm].T @ T[-1][is_norm] / square]
+        diagonal = _diagonal(R[-1][is_norm]) if level_rows.rates_last and not damping[-1] else None
+        if diagonal is not None and (diagonal.all() or (diagonal.any() and not len(ties))):
+            weight, ties = diagonal, ties[:0]
+            square = np.where(diagonal > 0.0, diagonal, 1.0)[:, None] ** 2
+            rate_targets = [R[-1][is_norm].T @ T[-1][is_norm] / square]
             of_task = [part.S for part in levels[-1] if part.S is not None and part.matrix.any()]
-            D = [directions * asked.units[0] for directions in of_task]
+            D = [directions * specs.units[0] for directions in of_task]
             S[-1], R[-1], T[-1] = S[-1][~is_norm], R[-1][~is_norm], T[-1][~is_norm]
-            beside = len(S[-1])
+            norm_rows = len(S[-1])
         if len(ties):
-            own = None if any(each.any() for each in R) else _diagonal(ties)
-            none_asked = none((len(ties), T[0].shape[1]))
-            if own is not None and own.all():
-                weight, wanted = own, [none((len(own), T[0].shape[1]))]
+            diagonal = None if any(rows.any() for rows in R) else _diagonal(ties)
+            zeros = none((len(ties), T[0].shape[1]))
+            if diagonal is not None and diagonal.all():
+                weight, rate_targets = diagonal, [none((len(diagonal), T[0].shape[1]))]
             else:
-                S, R, T = [*S, none_of_task], [*R, ties], [*T, none_asked]
+                S, R, T = [*S, none_of_task], [*R, ties], [*T, zeros]
                 damping.append(0.0)
         ends = np.cumsum([*map(len, S)]).astype(np.int32)
-        directions = [*S[: len(S) - bool(beside)], *D]
+        directions = [*S[: len(S) - bool(norm_rows)], *D]
         return cls(
             S=np.concatenate(S),
             R=np.concatenate(R),
-            T=np.concatenate([*T, *wanted]),
+            T=np.concatenate([*T, *rate_targets]),
             ends=ends,
             damping=np.array(damping),
             weight=weight,
-            beside=beside,
+            norm_rows=norm_rows,
             D=np.concatenate([S[0][:0], *D]),
             sizes=np.array([*map(largest, S), largest(np.concatenate(directions))]),
-            on_rates=np.array([_CLEAR * norm(each) for each in R]),
+            on_rates=np.array([_CLEAR * norm(rows) for rows in R]),
         )
 
 
-def _rights(asked: Asked) -> list[Array]:
-    """What the weighted rows of each level are to be, per target, (., t)."""
-    whole = block_diag(*(part.matrix for level in asked.levels for part in level))
-    return asked.stacked.split(whole)
+def _target_matrices(specs: LevelSpecs) -> list[Array]:
+    """Return the targets of the weighted rows of each level, per target, (., t)."""
+    whole = block_diag(*(part.matrix for level in specs.levels for part in level))
+    return specs.level_rows.split(whole)
 
 
 def _diagonal(rows: Array) -> Array | None:
-    """Weights w (n,) for which |rows rates| = |w rates|; None where there are none."""
+    """Return weights w (n,) for which |rows rates| = |w rates|; None if there are none."""
     squares = rows.T @ rows
     weight = np.sqrt(squares.diagonal())
     return None if (squares != np.diag(squares.diagonal())).any() else weight
 
 
 def _widest_last(system: Partition) -> tuple[Indices, Indices]:
-    """The passive velocities that move, and those that neither loops nor task know.
+    """Return the passive velocities that move, and those without effect on loops and task.
 
-    The former begin with those of one loop: more zeros then stay zeros.
+    Velocities of a single loop come first, which preserves zeros in the elimination.
     """
     moving = system.joints.moving
-    is_idle = ~(system.J_C[:, moving].any(axis=0) | system.geometry.J_T[:, moving].any(axis=0))
-    moving, idle = moving[~is_idle], moving[is_idle]
+    J_T, J_C = system.geometry.J_T, system.J_C
+    is_stationary = ~(J_C[:, moving].any(axis=0) | J_T[:, moving].any(axis=0))
+    moving, stationary = moving[~is_stationary], moving[is_stationary]
     rows = [np.flatnonzero(column) for column in system.J_C[:, moving].T]
-    widths = [int(np.ptp(each)) if len(each) else 0 for each in rows]
+    widths = [int(np.ptp(indices)) if len(indices) else 0 for indices in rows]
     order = np.argsort(widths, kind="stable")  # noqa: TID251 - whole numbers
-    return moving[order], idle
+    return moving[order], stationary
 
 
 def _errors(geometry: Geometry) -> tuple[float, float, float]:
-    """Size of the errors of J_C and J_T per bound, and where singular values are in doubt."""
+    """Return the errors of J_C and J_T per bound, and the threshold of singular values."""
     clear = max(_CLEAR, well_conditioned_above(geometry.rank_tolerance))
     if geometry.accuracy is None or geometry.is_stated:
         return 0.0, 0.0, clear
     loops, task = np.sqrt(geometry.J_C.size), np.sqrt(geometry.J_T.size)
     if not len(geometry.J_C) and 0.0 < geometry.error_bound < np.inf:
-        error = geometry.elsewhere.task_error
+        error = geometry.at_other_pose.task_error
         task = task if error is None else norm(error) / geometry.error_bound
     return float(loops), float(task), clear
 
 
 class Basis(NamedTuple):
-    """All of a mechanism that a tick depends on and no pose changes.
+    """Properties of a mechanism that a tick depends on and that do not depend on the pose.
 
     Attributes:
-        joints: Velocities that are driven (n,), and passive ones that move (p,).
-        shape: Of J_C.
-        rest: Whether loops alone decide on passive velocities, the tolerance of ranks, and whether
-            it says how accurate the entries are.
+        joints: Driven velocities (n,), and passive ones that move (p,).
+        shape: Shape of J_C.
+        settings: Whether loops alone determine passive velocities, the rank tolerance, whether it
+            defines the accuracy, and whether the entries are exact.
     """
 
     joints: tuple[Indices, Indices]
     shape: tuple[int, ...]
-    rest: tuple[Any, ...]
+    settings: tuple[Any, ...]
 
     @classmethod
     def of(cls, system: Partition) -> "Basis":
-        """That of a mechanism at any pose."""
+        """Return the properties of a mechanism at any pose."""
         joints, geometry = system.joints, system.geometry
         is_exact = geometry.accuracy is None
-        rest = system.is_rigid, geometry.rank_tolerance, geometry.is_stated, is_exact
-        return cls((joints.active, joints.moving), geometry.J_C.shape, rest)
+        settings = system.is_rigid, geometry.rank_tolerance, geometry.is_stated, is_exact
+        return cls((joints.active, joints.moving), geometry.J_C.shape, settings)
 
-    def is_that_of(self, system: Partition) -> bool:
-        """Whether it is of this mechanism, too."""
-        joints, *rest = Basis.of(system)
+    def matches(self, system: Partition) -> bool:
+        """Return whether another mechanism has the same properties."""
+        joints, *settings = Basis.of(system)
         pairs = zip(self.joints, joints, strict=True)
-        return rest == list(self[1:]) and all(a is b or np.array_equal(a, b) for a, b in pairs)
+        return settings == list(self[1:]) and all(a is b or np.array_equal(a, b) for a, b in pairs)
 
 
 @dataclass(frozen=True, eq=False)
 class Tick(ReadOnly):
-    """Levels of tasks of one mechanism, solved at any pose.
+    """Levels of tasks of one mechanism, solved at any pose by one compiled call.
 
-    Made by :meth:`Hierarchy.tick` and :meth:`VelocityMapping.tick`.
+    Created by :meth:`Hierarchy.tick` and :meth:`VelocityMapping.tick`.
 
     Attributes:
-        plan: What the compiled solution is given.
-        basis: What it depends on of the mechanism.
-        asked: The levels.
+        data: Data of the compiled solver.
+        basis: Properties of the mechanism that it depends on.
+        specs: Specification of the levels.
     """
 
-    plan: Plan
+    data: TickData
     basis: Basis
-    asked: Asked
+    specs: LevelSpecs
 
     @classmethod
-    def of(cls, asked: Asked, mechanism: "Kinematics") -> "Tick | None":
-        """Of a mechanism; see :meth:`Hierarchy.tick`."""
-        plan = Plan.of(asked, mechanism)
-        return None if plan is None else cls(plan, Basis.of(mechanism.system), asked)
+    def of(cls, specs: LevelSpecs, mechanism: "Kinematics") -> "Tick | None":
+        """Return the tick of a mechanism; see :meth:`Hierarchy.tick`."""
+        data = TickData.of(specs, mechanism)
+        return None if data is None else cls(data, Basis.of(mechanism.system), specs)
 
     def at(self, mechanism: "Kinematics") -> "Tick | None":
-        """The same of this mechanism at another pose, or after other failures."""
-        if self.basis.is_that_of(mechanism.system):
+        """Return the tick for this mechanism at another pose, or after other failures."""
+        if self.basis.matches(mechanism.system):
             return self
-        return Tick.of(self.asked.at(mechanism), mechanism)
+        return Tick.of(self.specs.at(mechanism), mechanism)
 
     def __call__(
         self,
@@ -271,22 +276,23 @@ class Tick(ReadOnly):
         velocity_limits: Limits,
         error_bound: float = 0.0,
     ) -> Array | None:
-        """Optimal velocities in the order of J_T's columns, shape (N,); None where others decide.
+        """Return optimal velocities in the order of J_T's columns, (N,); None if ill-conditioned.
 
         They are those of :meth:`Hierarchy.solve` at this pose, where limits of passive velocities
-        are inequality rows. None is said where a rank may be in doubt, as near singular poses;
-        where a joint swings freely that task or loops know; and where limits and loops contradict
-        each other.
+        are inequality rows. None is returned if a rank may be deficient, as near singular poses; if
+        a joint that affects task or loops swings freely; and if limits and loops contradict each
+        other.
 
         Args:
-            J_T: Task Jacobian there, shape (m, N).
+            J_T: Task Jacobian at this pose, shape (m, N).
             J_C: Constraint Jacobian, shape (c, N).
-            targets: Of all tasks of all levels, one after the other, shape (t,).
-            velocity_limits: Lower and upper limit of each velocity, (N,) each, infinite where there
-                is none. Those of stuck joints do not matter.
-            error_bound: That of :class:`prioritized._mechanism.geometry.Accuracy` there.
+            targets: Targets of all tasks of all levels, one after the other, shape (t,).
+            velocity_limits: Lower and upper limit of each velocity, (N,) each, infinite if there is
+                none. Those of stuck joints have no effect.
+            error_bound: Bound of the errors of J_T and J_C, as of
+                :class:`prioritized._mechanism.geometry.Accuracy`.
         """
-        given, is_refused, velocities = (
+        arguments, is_invalid, velocities = (
             (J_T, J_C, targets, velocity_limits, error_bound),
             True,
             None,
@@ -294,8 +300,8 @@ class Tick(ReadOnly):
         is_pair = type(velocity_limits) is tuple and type(error_bound) is float
         arrays = (J_T, J_C, targets, *velocity_limits) if is_pair else ()
         if is_pair and all(type(A) is np.ndarray for A in arrays):
-            is_refused, velocities = self.of_plain(*given)
-        return self.of_plain(*self._checked(*given))[1] if is_refused else velocities
+            is_invalid, velocities = self.of_plain(*arguments)
+        return self.of_plain(*self._checked(*arguments))[1] if is_invalid else velocities
 
     def of_plain(
         self,
@@ -306,55 +312,56 @@ class Tick(ReadOnly):
         error_bound: float,
         along: Array | None = None,
     ) -> tuple[bool, Array | None]:
-        """Whether an argument is wrong or no plain array; and what a call returns.
+        """Return whether an argument is invalid or not a plain array, and the result of a call.
 
-        With `along`, rates (n,), all levels but the first are asked for the motion of the task that
-        these make, beside their targets.
+        With `along`, rates (n,), the task motion that these produce is added to the targets of all
+        levels but the first.
         """
-        plan, shapes, room_size = self._prepared
+        data, shapes, size = self._prepared
         lower, upper = velocity_limits
         if (J_T.shape, J_C.shape, targets.shape, lower.shape, upper.shape) != shapes:
             return True, None
         velocities = np.empty(self.basis.shape[1])
-        room = ffi.NULL if room_size <= lib.TICK_OWN_ROOM else pointer(np.empty(room_size))
-        try:  # looking at the types would take longer
-            there = pointer(J_T), pointer(J_C), pointer(targets)
-            beside = ffi.NULL if along is None else pointer(along)
-            within = pointer(lower), pointer(upper), error_bound
-            code = lib.tick_solve(plan.pointer, *there, beside, *within, pointer(velocities), room)
+        workspace = ffi.NULL if size <= lib.TICK_OWN_ROOM else pointer(np.empty(size))
+        try:  # checking the types would take longer
+            inputs = pointer(J_T), pointer(J_C), pointer(targets)
+            desired = ffi.NULL if along is None else pointer(along)
+            limits = pointer(lower), pointer(upper), error_bound
+            outputs = pointer(velocities), workspace
+            code = lib.tick_solve(data.pointer, *inputs, desired, *limits, *outputs)
         except (KeyError, TypeError, ValueError):  # other numbers; not contiguous
             return True, None
         return code == lib.TICK_REFUSED, velocities if code == lib.TICK_SOLVED else None
 
     @cached_property
     def _prepared(self) -> tuple[Struct, tuple[tuple[int, ...], ...], int]:
-        """The plan for the kernel, shapes of the arrays that it takes, and its room."""
-        (c, N), levels = self.basis.shape, self.plan.levels
-        plan, m, t = self.plan.for_kernel(c, N), levels.S.shape[1], levels.T.shape[1]
-        return plan, ((m, N), (c, N), (t,), (N,), (N,)), lib.tick_room(plan.pointer)
+        """Kernel struct, shapes of the arrays that it takes, and its workspace size."""
+        (c, N), levels = self.basis.shape, self.data.levels
+        data, m, t = self.data.for_kernel(c, N), levels.S.shape[1], levels.T.shape[1]
+        return data, ((m, N), (c, N), (t,), (N,), (N,)), lib.tick_room(data.pointer)
 
     def at_jacobians(
         self, mechanism: Any, targets: Array, rates: Limits | None, along: Array | None = None
     ) -> Array | None:
-        """What a call returns for Jacobians of the mechanism, as of `sim.jacobians`.
+        """Return the result of a call for Jacobians of the mechanism, as of `sim.jacobians`.
 
         Args:
-            mechanism: With J_T and J_C, and their `error_bound` or `accuracy`; without either they
-                are exact.
-            targets: As of a call.
+            mechanism: Object with J_T and J_C, and their `error_bound` or `accuracy`; without
+                either they are exact.
+            targets: Targets as of a call.
             rates: Limits of the rates, (n,) each; None is no limits.
-            along: As of :meth:`of_plain`.
+            along: Rates as in :meth:`of_plain`.
         """
-        _, _, is_stated, _ = self.basis.rest
+        _, _, is_stated, _ = self.basis.settings
         bound = 0.0 if is_stated else error_bound_of(mechanism)
         J_T, J_C, limits = mechanism.J_T, mechanism.J_C, self.limits(rates)
         return self.of_plain(J_T, J_C, targets, limits, bound, along)[1]
 
     def limits(self, rates: Limits | None) -> Limits:
-        """Limits of all velocities, (N,) each, of those of the rates; None is no limits."""
+        """Return limits of all velocities, (N,) each, from those of the rates; None is no limit."""
         if rates is None:
             return self._no_limits
-        (active, _), (lower, upper) = self.basis.joints, (each.copy() for each in self._no_limits)
+        (active, _), (lower, upper) = self.basis.joints, (side.copy() for side in self._no_limits)
         lower[active], upper[active] = rates
         return lower, upper
 
@@ -366,13 +373,13 @@ class Tick(ReadOnly):
     def _checked(
         self, J_T: ArrayLike, J_C: ArrayLike, targets: ArrayLike, limits: Any, bound: Any
     ) -> tuple[Array, Array, Array, tuple[Array, Array], float]:
-        """The arguments as plain arrays of the right shapes."""
+        """Return the arguments as plain arrays of the right shapes."""
         N, plain = self.basis.shape[1], np.ascontiguousarray
         lower, upper = check.limits("velocity_limits", limits, N)
         return (
-            plain(check.array("J_T", J_T, self.plan.levels.S.shape[1], N)),
+            plain(check.array("J_T", J_T, self.data.levels.S.shape[1], N)),
             plain(check.array("J_C", J_C, None, N)),
-            plain(check.array("targets", targets, self.plan.levels.T.shape[1])),
+            plain(check.array("targets", targets, self.data.levels.T.shape[1])),
             (plain(lower), plain(upper)),
             check.number("error_bound", bound, 0.0),
         )

@@ -1,4 +1,4 @@
-"""Velocity mapping: Problem 1 of the paper for all weights."""
+"""Velocity mapping: Problem 1 of the paper for any weights."""
 
 from dataclasses import FrozenInstanceError
 from functools import cached_property
@@ -12,11 +12,11 @@ from argument_checks import Array, Indices
 from prioritized._mapping.amplification import (
     as_sentence,
     closure_sentences,
-    doubt_sentences,
     length_sentences,
     servo_sentences,
+    uncertainty_sentences,
 )
-from prioritized._mapping.asked import Asked
+from prioritized._mapping.level_specs import LevelSpecs
 from prioritized._mapping.levels import Level, smallest_gap, velocity_gains, velocity_levels
 from prioritized._mapping.limited import Limiting, Optimum, optimum
 from prioritized._mapping.plain import NAMES, Plain, plain_of
@@ -36,12 +36,13 @@ if TYPE_CHECKING:
 
 
 class VelocityMapping:
-    """The optimal active joint rates; made by :func:`velocity_mapping`.
+    """Optimal active joint rates; created by :func:`velocity_mapping`.
 
     rates = major @ v_m + joint @ rates_desired + secondary @ v_s_desired
 
-    A call solves for the rates alone, without a singular value decomposition where no rank is in
-    doubt. Gains, ranks and gaps are computed when first used, and so is J at another pose.
+    A call solves for the rates alone, without a singular value decomposition if the problem is
+    well-conditioned. Gains, ranks and gaps are computed when first used, and so is J at another
+    pose.
     """
 
     _damping: float
@@ -52,7 +53,7 @@ class VelocityMapping:
     def __init__(
         self, problem: Problem, damping: float = 0.0, limiting: Limiting | None = None
     ) -> None:
-        """Take checked arguments; :func:`velocity_mapping` checks them."""
+        """Store checked arguments; :func:`velocity_mapping` checks them."""
         parts = {"_damping": damping, "_limiting": limiting, "_kinematics": None}
         vars(self).update(parts, _directions=(problem.S_m, problem.S_s), _own=problem)
 
@@ -62,11 +63,11 @@ class VelocityMapping:
         directions: tuple[Array, Array],
         limiting: Limiting | None,
     ) -> "VelocityMapping":
-        """The mapping of one J with diagonal weights.
+        """Return the mapping of one J with diagonal weights.
 
         Args:
             plain: J and its weights.
-            directions: Of the major and the secondary task.
+            directions: Directions of the major and the secondary task.
             limiting: Limits of the rates, or None.
         """
         mapping = object.__new__(VelocityMapping)
@@ -75,7 +76,7 @@ class VelocityMapping:
         return mapping
 
     def _of_mechanism(self, kinematics: "Kinematics") -> "VelocityMapping":
-        """Mapping of a mechanism, with its J and constraints."""
+        """Return the mapping of a mechanism, with its J and constraints."""
         mapping = VelocityMapping(self._own, self._damping, self._limiting)
         vars(mapping).update(_kinematics=kinematics)
         return mapping
@@ -83,12 +84,12 @@ class VelocityMapping:
     def _in_natural_units(
         self, task_units: Array, rate_units: Array | None, **mechanism: Array | None
     ) -> "VelocityMapping":
-        """Mapping of a J, its scale and constraints whose rows and rates are in natural units.
+        """Return the mapping of a J, its scale and constraints stated in natural units.
 
         Args:
-            task_units: Of the task rows, (m,).
-            rate_units: Of the rates, (n,); None is one for all, whatever it is.
-            mechanism: These arrays, as in :class:`Problem`.
+            task_units: Natural units of the task rows, (m,).
+            rate_units: Natural units of the rates, (n,); None is one common unit.
+            mechanism: J, scale and constraints, as in :class:`Problem`.
         """
         problem = self._own.natural(task_units, 1.0 if rate_units is None else rate_units)
         mapping = VelocityMapping(problem._replace(**mechanism), self._damping, self._limiting)
@@ -104,39 +105,39 @@ class VelocityMapping:
         joint_velocity: ArrayLike | None = None,
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
-        """Optimal active joint rates, shape (..., n); what is None counts as zero."""
-        given, limiting = (v_major, joint_velocity, secondary_velocity), self._limiting
+        """Return the optimal active joint rates, shape (..., n); None counts as zero."""
+        targets, limiting = (v_major, joint_velocity, secondary_velocity), self._limiting
         if limiting is None or limiting.is_box:
             box = None if limiting is None else limiting.box
             if "_origin" in vars(self):
-                rates = self._by_tick(given, box)
+                rates = self._by_tick(targets, box)
             else:
-                rates = None if self._plain is None else self._plain.rates(*given, box)
+                rates = None if self._plain is None else self._plain.rates(*targets, box)
             if rates is not None:
                 return rates
-        return self._own_rates(self._solved(*given, None)[1].x)
+        return self._own_rates(self._solved(*targets, None)[1].x)
 
     @cached_property
     def _rate_units(self) -> Array | None:
-        """Natural units in which the problem states the rates, (n,); None are those of J."""
+        """Natural units of the rates in the problem, (n,); None is those of J."""
         return None if self._kinematics is None else self._kinematics._reduced.mixed_units
 
     def _own_rates(self, rates: Array) -> Array:
-        """Rates of the problem (..., n) in the units of J, within the limits exactly."""
+        """Convert rates of the problem (..., n) to the units of J, within the limits exactly."""
         if self._rate_units is None:
             return rates
-        own = rates * self._rate_units
-        return own if self._limiting is None else own.clip(*self._limiting.box)
+        scaled = rates * self._rate_units
+        return scaled if self._limiting is None else scaled.clip(*self._limiting.box)
 
-    def _by_tick(self, given: tuple[ArrayLike | None, ...], box: Limits | None) -> Array | None:
-        """Optimal rates for one target from J_T and J_C; None for others, or in doubt."""
-        tick, (major, *others), problem = self.tick(), given, self._first._own
+    def _by_tick(self, arguments: tuple[ArrayLike | None, ...], box: Limits | None) -> Array | None:
+        """Return optimal rates for one target from J_T and J_C; None if not applicable."""
+        tick, (major, *others), problem = self.tick(), arguments, self._first._own
         if tick is None or self._kinematics is None:
             return None
         sizes = len(problem.S_m), problem.J.shape[1], len(problem.S_s)
-        rest = (none((k,)) if v is None else v for v, k in zip(others, sizes[1:], strict=True))
-        targets = [major, *rest]
-        # What is not finite is found later; the checks would take as long as the arithmetic.
+        desired = (none((k,)) if v is None else v for v, k in zip(others, sizes[1:], strict=True))
+        targets = [major, *desired]
+        # Non-finite numbers are found later; the checks would take as long as the arithmetic.
         if [v.shape if check.is_plain(v) else None for v in targets] != [(k,) for k in sizes]:
             targets = [
                 check.array(name, v, ..., k)
@@ -144,8 +145,8 @@ class VelocityMapping:
             ]
             if any(v.ndim > 1 for v in targets):
                 return None
-        asked = np.concatenate(targets if len(problem.secondary_weight) else targets[:2])
-        velocities = tick.at_jacobians(self._kinematics.system.geometry, asked, box)
+        targets = np.concatenate(targets if len(problem.secondary_weight) else targets[:2])
+        velocities = tick.at_jacobians(self._kinematics.system.geometry, targets, box)
         return None if velocities is None else velocities[tick.basis.joints[0]]
 
     def _solved(
@@ -155,7 +156,7 @@ class VelocityMapping:
         secondary_velocity: ArrayLike | None,
         start: Point | None,
     ) -> tuple[Array, Optimum]:
-        """Target and desired velocities (..., m1 + n + m2), checked, and the optimum."""
+        """Return the checked targets (..., m1 + n + m2) and the optimum."""
         problem = self._problem
         p = joined(
             problem.lead,
@@ -171,24 +172,24 @@ class VelocityMapping:
 
     @property
     def _within(self) -> Limiting | None:
-        """The limits as the problem states them."""
+        """Limits in the units of the problem."""
         units, limiting = self._rate_units, self._limiting
         return limiting if limiting is None or units is None else limiting.natural(units)
 
     @property
     def _first(self) -> "VelocityMapping":
-        """The mapping of which this one is another pose, or this one."""
+        """Mapping from which this one was derived by `at()`; itself otherwise."""
         return vars(self).get("_origin", self)
 
     def tick(self) -> Tick | None:
-        """The mapping at one pose after another, in one compiled call where nothing is in doubt.
+        """Return a compiled solver of the mapping for successive poses, for well-conditioned ones.
 
-        It is made once for a mechanism and its failures. Its targets are the major velocity (m1,)
-        and the desired rates (n,), one after the other, and then the desired secondary velocity
-        (m2,), if that has a weight. Where it does not answer, :meth:`at` does.
+        It is constructed once for a mechanism and its failures. Its targets are the major velocity
+        (m1,) and the desired rates (n,), one after the other, and then the desired secondary
+        velocity (m2,), if that has a weight. Where it returns None, use :meth:`at`.
 
         Returns:
-            The tick, or None where it could never answer, as of a J given as a matrix, with
+            The solver, or None if it does not apply, as for a J given as a matrix, with
             `rate_rows` or springs.
         """
         if self._kinematics is None:
@@ -198,7 +199,7 @@ class VelocityMapping:
 
     @cached_property
     def _tick(self) -> Tick | None:
-        """The tick of the mechanism that the mapping was made for; see :meth:`tick`."""
+        """Tick of the mechanism that the mapping was created for; see :meth:`tick`."""
         problem, limiting, kinematics = self._own, self._limiting, self._kinematics
         is_box = limiting is None or limiting.is_box
         if kinematics is None or problem.lead or not is_box:
@@ -207,45 +208,45 @@ class VelocityMapping:
         if any(not check.SMALLEST <= size < check.LARGEST for size in sizes):
             return None
         T = problem.tie_metric
-        asked = Asked.of(kinematics, _tasks_of(self, problem), T if len(T) else None)
-        return Tick.of(asked, kinematics)
+        specs = LevelSpecs.of(kinematics, _tasks_of(self, problem), T if len(T) else None)
+        return Tick.of(specs, kinematics)
 
     @cached_property
     def _plain(self) -> Plain | None:
-        """J and weights for one call of a kernel; None where there is more than these."""
+        """J and weights for one call of a kernel; None if there are further arguments."""
         kinematics = self._kinematics
         is_tied = kinematics is not None and kinematics._reduced.is_tied
         if self._damping or is_tied or self._rate_units is not None or "_origin" in vars(self):
             return None
-        return plain_of(self._stated, 0.0 if kinematics is None else kinematics._reduced.clear)
+        return plain_of(self._stated, 0.0 if kinematics is None else kinematics._reduced.threshold)
 
     @cached_property
     def _problem(self) -> Problem:
-        """The checked arguments."""
+        """Checked arguments with J truncated to its decided rank."""
         kinematics, stated = self._kinematics, self._stated
         if kinematics is None:
             return stated
-        J, scale = kinematics._reduced.decided(*self._directions, stated.major_metric)
+        J, scale = kinematics._reduced.truncated_jacobian(*self._directions, stated.major_metric)
         return stated._replace(J=J, scale=np.asarray(scale))
 
     @cached_property
     def _stated(self) -> Problem:
-        """The problem in natural units, before any rank of J is decided."""
-        kinematics, own = self._kinematics, self._first._own
+        """Problem in natural units, before any rank of J is decided."""
+        kinematics, stated = self._kinematics, self._first._own
         if kinematics is None:
-            return own
+            return stated
         reduced = kinematics._reduced
         units, (J, scale) = self._rate_units, reduced.measured
-        M = own.major_metric
+        M = stated.major_metric
         if M is None:
             M = reduced.measure(self._directions[0]).metric
-        there = own.natural(reduced.task_units, 1.0 if units is None else units)
-        made = {"J": J, "scale": np.asarray(scale), "active_constraint": reduced.constraint}
-        return there._replace(**made, major_metric=M)
+        natural = stated.natural(reduced.task_units, 1.0 if units is None else units)
+        parts = {"J": J, "scale": np.asarray(scale), "active_constraint": reduced.constraint}
+        return natural._replace(**parts, major_metric=M)
 
     @cached_property
     def _own(self) -> Problem:
-        """The checked arguments in the units of J, without the constraints of a mechanism."""
+        """Checked arguments in the units of J, without the constraints of a mechanism."""
         assert self._plain is not None
         return self._plain.problem(*self._directions)
 
@@ -257,26 +258,26 @@ class VelocityMapping:
         *,
         start: VelocitySolution | None = None,
     ) -> VelocitySolution:
-        """The optimal rates within the limits, what they cost, and which of them are active.
+        """Return the optimal rates within the limits, with residual, active limits and status.
 
-        Limits and constraints hold first, then the major task is met as far as they let it, then
-        the weighted sum of :func:`velocity_mapping` is least.
+        Limits and constraints hold first, then the error of the major task is least, then the
+        weighted sum of :func:`velocity_mapping`.
 
         Args:
             v_major: Major velocity, shape (..., m1).
             joint_velocity: Desired rates, shape (..., n); None is zero.
             secondary_velocity: Desired secondary velocity, shape (..., m2); None is zero.
-            start: Solution of a similar problem, such as that of the tick before.
+            start: Solution of a similar problem, such as that of the previous tick.
         """
-        begun = None if start is None else check.instance("start", start, VelocitySolution).point
-        p, best = self._solved(v_major, joint_velocity, secondary_velocity, begun)
+        warm = None if start is None else check.instance("start", start, VelocitySolution).point
+        p, best = self._solved(v_major, joint_velocity, secondary_velocity, warm)
         return VelocitySolution(self, p, best)
 
     @property
     def _rows(self) -> tuple[Rows, ...]:
         """Inequality rows of the rates of the problem."""
-        within = self._within
-        return () if within is None else within.rows
+        limiting = self._within
+        return () if limiting is None else limiting.rows
 
     @cached_property
     def _levels(self) -> list[Level]:
@@ -286,19 +287,19 @@ class VelocityMapping:
     def at(
         self, kinematics: "Kinematics", *, rate_limits: tuple[ArrayLike, ArrayLike] | None = None
     ) -> "VelocityMapping":
-        """The same task, weights and metrics at another pose; these are not checked again.
+        """Return the mapping with the same task, weights and metrics, unchecked, at another pose.
 
         Args:
-            kinematics: The mechanism at that pose.
-            rate_limits: Lower and upper limits there, as for
-                :meth:`prioritized.Kinematics.velocity_mapping`; None is those of this mapping.
+            kinematics: Mechanism at that pose.
+            rate_limits: New limits, as for :meth:`prioritized.Kinematics.velocity_mapping`; None is
+                those of this mapping.
         """
         if not hasattr(kinematics, "hierarchy"):
-            raise TypeError(f"kinematics must be a Kinematics, got {check.shown(kinematics)}")
-        first, there = self._first, kinematics.system.shape
+            raise TypeError(f"kinematics must be a Kinematics, got {check.short_repr(kinematics)}")
+        first, other_shape = self._first, kinematics.system.shape
         shape = first._own.J.shape
-        if there != shape:
-            raise ValueError(f"kinematics must have a J of shape {shape}, got {there}")
+        if other_shape != shape:
+            raise ValueError(f"kinematics must have a J of shape {shape}, got {other_shape}")
         limiting = self._limiting
         if rate_limits is not None:
             box = limits("rate_limits", kinematics._survivors.pair(rate_limits), shape[1])
@@ -308,13 +309,13 @@ class VelocityMapping:
         vars(mapping).update(parts, _origin=first)
         return mapping
 
-    def within(self, rate_limits: tuple[ArrayLike, ArrayLike]) -> "VelocityMapping":
-        """The same mapping with other limits of the n rates, as for :func:`velocity_mapping`.
+    def with_limits(self, rate_limits: tuple[ArrayLike, ArrayLike]) -> "VelocityMapping":
+        """Return the mapping with other limits of the n rates, as for :func:`velocity_mapping`.
 
-        Limits of displacements are such limits: what is left of them changes from tick to tick.
+        Limits of displacements can be imposed by rate limits that change from tick to tick.
 
         Raises:
-            ValueError: As :func:`velocity_mapping`.
+            ValueError: The limits are invalid.
         """
         box = limits("rate_limits", rate_limits, self._first._own.J.shape[-1])
         mapping = object.__new__(VelocityMapping)
@@ -322,13 +323,14 @@ class VelocityMapping:
         return mapping
 
     def _bounded_by(self, box: Limits) -> Limiting:
-        """The limits of this mapping with another box of the rates."""
+        """Return the limits of this mapping with another box of the rates."""
         return Limiting(box) if self._limiting is None else self._limiting._replace(box=box)
 
     def __str__(self) -> str:
+        gain = float(self.largest_gain.max(initial=0.0))
         sentences = (
             as_sentence(self.status.value),
-            *doubt_sentences(float(self.largest_gain.max(initial=0.0)), self._gain_uncertainty),
+            *uncertainty_sentences(gain, self._gain_uncertainty),
             *servo_sentences(self.amplification),
             *length_sentences(self.characteristic_length),
             *closure_sentences(self.closure_condition),
@@ -336,7 +338,7 @@ class VelocityMapping:
         return " ".join(sentences)
 
     def residual(self, v_major: ArrayLike) -> Array:
-        """Part of the major velocity that the optimal rates do not reach, shape (..., m1)."""
+        """Return the part of the major velocity that is not achieved, shape (..., m1)."""
         v_m = check.array("v_major", v_major, ..., self.achieved.shape[-1])
         return v_m - apply(self.achieved, "v_major", v_m)
 
@@ -358,7 +360,7 @@ class VelocityMapping:
 
     @cached_property
     def achieved(self) -> Array:
-        """Major velocity reached per major velocity commanded, shape (..., m1, m1)."""
+        """Major velocity achieved per major velocity commanded, shape (..., m1, m1)."""
         gain = self._solution[0][..., : len(self._problem.S_m)]
         return check.frozen(on_axes(self._problem.major_jacobian @ gain, self._problem.lead))
 
@@ -366,22 +368,24 @@ class VelocityMapping:
     def largest_gain(self) -> Array:
         """Largest norm of the rates per unit norm of the major velocity alone, shape (...).
 
-        In natural units where there are two kinds of either, see :attr:`characteristic_length`.
+        In natural units if rates or major velocities are of two kinds, see
+        :attr:`characteristic_length`.
         """
         gain = self.major
         return read_only(largest(gain if self._measure is None else self._measure.of_gain(gain)))
 
     @property
     def characteristic_length(self) -> float | None:
-        """Length with which angular and linear velocities, or rates, are measured in one norm.
+        """Length that relates angular and linear velocities, or rates, in one norm.
 
-        That of the mechanism; a stated `major_metric`, `joint_weight` or `tie_metric` goes before
-        it. None where each is of one kind or nothing depends on it, and for a J given as a matrix.
+        It is that of the mechanism, unless a `major_metric`, `joint_weight` or `tie_metric` is
+        given. None if each is of one kind or the result does not depend on it, and for a J given as
+        a matrix.
         """
         if self._measure is None:
             return None
-        is_met = self.status is Status.EXACT and self._limiting is None
-        return self._measure.length(not is_met, self._problem.has_ties)
+        is_exact = self.status is Status.EXACT and self._limiting is None
+        return self._measure.length(not is_exact, self._problem.has_ties)
 
     @property
     def _measure(self) -> Measure | None:
@@ -391,11 +395,11 @@ class VelocityMapping:
 
     @cached_property
     def amplification(self) -> Array:
-        """Factor by which a relative error of the rates may become one of the major task, (...).
+        """Factor from relative errors of the rates to those of the major task, shape (...).
 
         It is the largest gain times the 2-norm of S_m J on the admissible rates, and at least 1
-        where the major task is met. A servo that errs by 1 % of the rates moves the major task by
-        up to this many percent of the motion commanded.
+        where the major task is achieved. A servo error of 1 % of the rates moves the major task by
+        up to this many percent of the commanded motion.
         """
         J, X = self._problem.S_m @ self._problem.admissible_jacobian, self._solution[0]
         units = ones(J.shape[-2]) if self._measure is None else self._measure.major
@@ -404,9 +408,9 @@ class VelocityMapping:
 
     @property
     def _gain_uncertainty(self) -> float:
-        """Relative error that the accuracy of the geometry allows the largest gain.
+        """Relative error of the largest gain due to the accuracy of the geometry.
 
-        0 for a J given as a matrix, and where part of the major task is out of reach.
+        Zero for a J given as a matrix, and if part of the major task is unreachable.
         """
         if self._kinematics is None:
             return 0.0
@@ -414,7 +418,7 @@ class VelocityMapping:
 
     @property
     def closure_condition(self) -> float:
-        """As in :class:`Manipulability`; 1 for a J given as a matrix."""
+        """Condition number of the closure, as in :class:`Manipulability`; 1 for a matrix J."""
         return 1.0 if self._kinematics is None else self._kinematics.closure_condition
 
     @property
@@ -432,20 +436,20 @@ class VelocityMapping:
 
     @property
     def status(self) -> Status:
-        """What holds for every problem of the batch."""
+        """Status that holds for every problem of the batch."""
         conditions = {
-            Status.SELF_MOTION: lambda: not self._is_held,
+            Status.SELF_MOTION: lambda: not self._is_determined,
             Status.LEAST_SQUARES: lambda: not np.all(self.rank == len(self._problem.S_m)),
             Status.DAMPED: lambda: self._damping,
         }
         return status_of(conditions, Status.EXACT)
 
     @property
-    def _is_held(self) -> bool:
-        """Whether no self-motion moves the major task, in any problem of the batch."""
+    def _is_determined(self) -> bool:
+        """Return whether no self-motion moves the major task, in any problem of the batch."""
         S_m, Q, tolerance = self._problem.S_m, self._problem.self_motion, self._problem.tolerance
         if self._kinematics is not None:
-            return self._kinematics._reduced.holds(self._directions[0])
+            return self._kinematics._reduced.determines(self._directions[0])
         moved = ranked_svd(S_m @ Q, largest(S_m) * basis_scale(Q), tolerance)
         return not np.any(moved.rank > 0)
 
@@ -459,7 +463,7 @@ class VelocityMapping:
         return check.frozen(self._own_gains(self._solution[0]))
 
     def _own_gains(self, X: Array) -> Array:
-        """Gains X of the problem (..., n, m1 + n + m2) in the units of J."""
+        """Convert gains X of the problem (..., n, m1 + n + m2) to the units of J."""
         if self._rate_units is None:
             return X
         m1, m2 = len(self._problem.S_m), len(self._problem.S_s)
@@ -467,11 +471,11 @@ class VelocityMapping:
         return self._rate_units[:, None] * X / inputs
 
 
-def _tasks_of(mapping: VelocityMapping, own: Problem) -> tuple[tuple[Task, ...], ...]:
-    """Problem 1 as levels: the major task, then rates and secondary task beside each other."""
-    (S_m, S_s), M, W1 = mapping._directions, own.major_metric, own.weight
+def _tasks_of(mapping: VelocityMapping, problem: Problem) -> tuple[tuple[Task, ...], ...]:
+    """Return Problem 1 as two levels: the major task, then rates and secondary task together."""
+    (S_m, S_s), M, W1 = mapping._directions, problem.major_metric, problem.weight
     if M is not None and len(M) > len(S_m):
         M = np.linalg.qr(M, mode="r")
     rates = Task.joints(W1 if len(W1) else np.zeros(W1.shape[1]))
-    beside = [Task(S_s, own.secondary_weight)] if len(own.secondary_weight) else []
-    return (Task(S_m, M, damping=mapping._damping),), (rates, *beside)
+    secondary = [Task(S_s, problem.secondary_weight)] if len(problem.secondary_weight) else []
+    return (Task(S_m, M, damping=mapping._damping),), (rates, *secondary)

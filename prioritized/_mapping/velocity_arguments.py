@@ -1,4 +1,4 @@
-"""The arguments of a velocity mapping, checked, or taken at once where they are plain arrays."""
+"""Arguments of a velocity mapping, checked, or used directly if they are plain arrays."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -37,7 +37,7 @@ def velocity_mapping(
     rate_rows: tuple[ArrayLike, ArrayLike, ArrayLike] | None = None,
     when_limited: WhenLimited = "least_squares",
 ) -> VelocityMapping:
-    """The mapping from a major velocity to the optimal active joint rates.
+    """Return the mapping from a major velocity to the optimal active joint rates.
 
     It minimizes |W1 (rates - rates_d)|^2 + |W2 (v_s - v_sd)|^2 at the given major velocity, by
     lexicographic least squares: each level is solved without changing those before it.
@@ -67,29 +67,29 @@ def velocity_mapping(
         damping: Tikhonov damping of level 2, in units of the singular values of M J_m. It keeps
             the part of the rates that moves the major task below |M v_m| / (2 damping) and makes
             that task inexact. Secondary goals are not damped: use joint_weight.
-        scale: Size of J that ranks are decided against, shape (...); None is the norm of J. For a
-            J that is a difference of large terms give the size of these.
-        rank_tolerance: Singular values below this fraction of the scale count as zero. Those of
-            W1 and T, which are exact however inaccurate J, do so below 1e-10 at most: no joint can
-            be weighted 1e10 times another.
+        scale: Size of J that ranks are decided against, shape (...); None is the norm of J. For a J
+            that is a difference of large terms specify their size.
+        rank_tolerance: Singular values below this fraction of the scale count as zero. Those of W1
+            and T, whose accuracy does not depend on J, are compared with at most 1e-10: no joint
+            can be weighted 1e10 times another.
         rate_limits: Lower and upper limits of the rates, each (n,) or one number, also infinite;
-            they hold before everything else, exactly. None is none.
-        rate_rows: (R, lower, upper) with R (r, n): lower <= R rates <= upper holds next; sides as
-            in `rate_limits`.
-        when_limited: What becomes of a major task that limits hold back: "least_squares", the least
-            error |M (J_m rates - v_m)|, or "scaled": its direction is kept, as fast as possible.
+            they hold exactly and have priority over all levels. None is no limit.
+        rate_rows: (R, lower, upper) with R (r, n): lower <= R rates <= upper has the next priority;
+            sides as in `rate_limits`.
+        when_limited: Treatment of a major task beyond the limits: "least_squares", the least error
+            |M (J_m rates - v_m)|, or "scaled", the fastest motion in the same direction.
     """
     if (
         active_constraint is self_motion is major_metric is tie_metric is None
         and rate_rows is None
         and damping == 0
     ):
-        quick = of_plain_arrays(
+        mapping = of_plain_arrays(
             J, major, secondary, joint_weight, secondary_weight, scale, rank_tolerance,
             rate_limits, when_limited,
         )  # fmt: skip
-        if quick is not None:
-            return quick
+        if mapping is not None:
+            return mapping
     args = checked(
         J,
         major,
@@ -120,9 +120,9 @@ def of_plain_arrays(
     box: Any,
     when_limited: WhenLimited,
 ) -> VelocityMapping | None:
-    """The mapping of one J, its weights diagonal, where all arguments are as they should be.
+    """Return the mapping of one J with diagonal weights if all arguments are plain and valid.
 
-    None elsewhere: the checks then say what is wrong, or take what is right.
+    None otherwise: the caller's checks then raise, or convert the arguments.
     """
     w1 = _NOTHING if joint_weight is None else joint_weight
     w2 = _NOTHING if secondary_weight is None else secondary_weight
@@ -147,46 +147,46 @@ def of_plain_arrays(
         and w2.shape == ((len(selected[0][1]),) if secondary_weight is not None else (0,))
     ):
         return None
-    directions, S, made = selected
+    directions, S, struct = selected
     weights = (
         (None if joint_weight is None else w1.copy()),
         (None if secondary_weight is None else w2.copy()),
     )
     sizes = None if scale is None else np.array([size])
     m1 = len(directions[0])
-    plain = Plain(J.copy(), S, m1, weights, None, sizes, rank_tolerance, shape=made)
+    plain = Plain(J.copy(), S, m1, weights, None, sizes, rank_tolerance, shape=struct)
     if not plain.is_moderate:
         return None
     limited = limiting(J.shape[1], "rate_limits", box, {}, when_limited)
     return VelocityMapping._of_plain(plain, directions, limited)
 
 
-# Row 1 is no True.
+# typed: row 1 is not True
 @lru_cache(maxsize=1024, typed=True)
 def _selected(
     shape: tuple[int, ...],
     has: tuple[float, bool, bool],
     p: int,
-    others: bool,
+    complement: bool,
     *rows: Any,
 ) -> tuple[tuple[Array, Array], Array, tuple[Struct, int]] | None:
-    """Both tasks, all directions, and their shape.
+    """Return both tasks, all directions, and the kernel's description of the problem.
 
     Args:
-        shape: Of J.
-        has: The rank tolerance, and whether there are weights of rates and secondary task.
-        p: So many rows are those of the major task.
-        others: Whether all rows left are the secondary task.
-        rows: Of both tasks.
+        shape: Shape of J.
+        has: Rank tolerance, and whether rates and secondary task have weights.
+        p: Number of rows of the major task.
+        complement: Whether all remaining rows are the secondary task.
+        rows: Rows of both tasks.
     """
     (tolerance, *weights), major = has, rows[:p]
     if not (len(shape) == 2 and 0.0 < tolerance < 1.0 and are_rows(rows)):
         return None
-    S_m, S_s = task_selection(major, None if others else rows[p:], shape[0])
+    S_m, S_s = task_selection(major, None if complement else rows[p:], shape[0])
     S = check.frozen(np.concatenate([S_m, S_s]))
     has_rates, has_secondary = weights
-    made = shape_of(S, len(S_m), shape[1], (has_rates, has_secondary), tolerance)
-    return (S_m, S_s), S, made
+    struct = shape_of(S, len(S_m), shape[1], (has_rates, has_secondary), tolerance)
+    return (S_m, S_s), S, struct
 
 
 _FLOAT64 = np.dtype(np.float64)

@@ -1,1 +1,1 @@
-"""The mechanism: names, failures, accuracy, what its loops admit, every decision on a task."""
+"""Mechanism: names, failures, accuracy, admissible motions, and all rank decisions on a task."""

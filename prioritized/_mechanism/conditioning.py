@@ -1,4 +1,4 @@
-"""Where singular values are clearly not zero, so that no SVD is needed."""
+"""Thresholds above which singular values are certainly non-zero, so that no SVD is needed."""
 
 from math import ceil, inf, isfinite, log2, sqrt
 
@@ -8,36 +8,36 @@ from prioritized._solver.rank import ERROR_MARGIN, ROUND_OFF, norm
 
 
 def well_conditioned_above(tolerance: float) -> float:
-    """Fraction of the scale above which a singular value is clearly not zero.
+    """Return the fraction of the scale above which a singular value is certainly not zero.
 
     Below it the SVD decides, at the tolerance itself.
     """
     return max(2.0 * tolerance, 1e3 * ROUND_OFF)
 
 
-def clear_loops(geometry: Geometry) -> float:
-    """Fraction of |J_C| above which a singular value of the closure J_Cp is clearly not zero."""
-    A, clear = geometry.closure, well_conditioned_above(geometry.rank_tolerance)
+def loop_threshold(geometry: Geometry) -> float:
+    """Return the fraction of |J_C| above which a singular value of J_Cp is certainly not zero."""
+    A, threshold = geometry.closure, well_conditioned_above(geometry.rank_tolerance)
     errors = sqrt(A.size) * geometry.error_bound
-    return max(clear, ERROR_MARGIN * errors / (norm(A) or 1.0))
+    return max(threshold, ERROR_MARGIN * errors / (norm(A) or 1.0))
 
 
-def clear_of_errors(geometry: Geometry, scale: float, gain: Array, closing: Array) -> float:
-    """Fraction of its scale above which a singular value of J, eq. (14), is clearly not zero.
+def task_threshold(geometry: Geometry, scale: float, gain: Array, closing: Array) -> float:
+    """Return the fraction of its scale above which a singular value of J is certainly not zero.
 
     Args:
         geometry: J_T and J_C.
-        scale: Of J.
+        scale: Scale of J, eq. (14).
         gain: Passive rates per active rate, (p, n).
         closing: J_Cp^-1, (p, p).
     """
-    clear, bound = well_conditioned_above(geometry.rank_tolerance), geometry.error_bound
+    threshold, bound = well_conditioned_above(geometry.rank_tolerance), geometry.error_bound
     if not bound:
-        return clear
+        return threshold
     # Errors of the loops reach the task through the passive joints.
     errors = sqrt(geometry.J_T.size) + geometry.size * norm(closing) * sqrt(geometry.J_C.size)
     errors *= bound * (1.0 + norm(gain))
     if not isfinite(errors):
         return inf
-    # Few different numbers: what depends on them is looked up.
-    return 2.0 ** ceil(log2(max(clear, ERROR_MARGIN * errors / (scale or 1.0))))
+    # Rounded to a power of two, because results that depend on it are cached.
+    return 2.0 ** ceil(log2(max(threshold, ERROR_MARGIN * errors / (scale or 1.0))))

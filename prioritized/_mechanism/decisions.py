@@ -1,6 +1,6 @@
-"""Every rank decision on a task, made once: mappings, classification and atlas all read these.
+"""Rank decisions on a task, made once and used by mappings, classification and atlas.
 
-In natural units; of one failure condition or of many, whose axes lead.
+In natural units, for one failure condition or for many, whose axes lead.
 """
 
 from dataclasses import dataclass
@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 from argument_checks import Array, Indices
 from prioritized._mechanism.measure import Measure, units_of
-from prioritized._mechanism.task_motion import LEAST_ROWS, Before, TaskMotion, null_of
+from prioritized._mechanism.task_motion import LEAST_ROWS, RemainingMotion, TaskMotion, null_of
 from prioritized._solver.arrays import transposed
 from prioritized._solver.rank import RANK_TOLERANCE, RankedSvd, frobenius, largest, norm
 
 
 @dataclass(frozen=True, eq=False)
 class MajorTask:
-    """The decisions on a major task v_m = S_m v, and on a secondary one with it at rest.
+    """Rank decisions on a major task v_m = S_m v, and on a secondary one with v_m = 0.
 
     Attributes:
-        task: The whole task.
+        task: Motion of the whole task.
         S_m: Shape (m1, m).
         S_s: Shape (m2, m).
     """
@@ -32,78 +32,79 @@ class MajorTask:
     S_s: Array
 
     @property
-    def reach(self) -> RankedSvd:
-        """Of the major Jacobian."""
+    def decision(self) -> RankedSvd:
+        """Rank decision on the major Jacobian."""
         return self._first[0]
 
     @property
     def secondary(self) -> RankedSvd:
-        """Of the secondary Jacobian with the major task at rest."""
+        """Rank decision on the secondary Jacobian with the major task at rest."""
         return self._second[0]
 
     @cached_property
-    def _first(self) -> tuple[RankedSvd, "Before"]:
+    def _first(self) -> tuple[RankedSvd, RemainingMotion]:
         return self.task.start.then(self.task, self.task.step(self._major))
 
     @cached_property
-    def _second(self) -> tuple[RankedSvd, "Before"]:
+    def _second(self) -> tuple[RankedSvd, RemainingMotion]:
         return self._first[1].then(self.task, self.task.step(self._secondary))
 
     @cached_property
     def moved(self) -> RankedSvd:
-        """Of the major motion with every active joint locked."""
-        S, error, task = self._major, self.task.still_error, self.task.geometry.task
-        # Against the 2-norm, so that with every row major it is the decision on the whole task.
+        """Rank decision on the major motion with every active joint locked."""
+        S, error, task = self._major, self.task.self_motion_error, self.task.geometry.task
+        # Scaled by the 2-norm, so that with every row major it is the decision on the whole task.
         rows = np.maximum(frobenius(task[S.any(axis=0)]), LEAST_ROWS * self.task.geometry.size)
         size = largest(S) * rows
-        return self.task.decided(
-            S @ self.task.still, size, None if error is None else np.abs(S) @ error
+        return self.task.decide(
+            S @ self.task.self_motion_task, size, None if error is None else np.abs(S) @ error
         )
 
     @cached_property
-    def aside(self) -> RankedSvd:
-        """Of the task motion, active joints locked, that does not move the major task."""
-        rest, error = null_of(self.moved), self.task.still_error
-        error = None if error is None else error @ np.abs(rest)
-        return self.task.decided(self.task.still @ rest, self.task.geometry.size, error)
+    def moved_secondary(self) -> RankedSvd:
+        """Rank decision on self-motion of the task that leaves the major task at rest."""
+        null, error = null_of(self.moved), self.task.self_motion_error
+        error = None if error is None else error @ np.abs(null)
+        return self.task.decide(self.task.self_motion_task @ null, self.task.geometry.size, error)
 
     @property
     def gap(self) -> Array:
-        """Smallest gap of the decisions that a mapping rests on, shape (...)."""
-        decisions = self.reach, self.moved, self.secondary
-        return np.minimum.reduce([self.task.gap, *(one.gap for one in decisions)])
+        """Smallest gap of the rank decisions that a mapping depends on, shape (...)."""
+        decisions = self.decision, self.moved, self.secondary
+        return np.minimum.reduce([self.task.gap, *(svd.gap for svd in decisions)])
 
-    def handed_on(
+    def truncated(
         self, J: Array, scale: Array | float, constraint: Array, metric: Array | None = None
     ) -> tuple[Array, Array]:
-        """J (..., m, n) without what counts as lost, and the size that parts its rank.
+        """Return J (..., m, n) without components of decided rank zero, and the scale of its rank.
 
-        What solvers decide on it is then what is decided here.
+        With this scale solvers reproduce the decisions made here.
 
         Args:
-            J: In natural units.
-            scale: Size of its terms, (...).
+            J: Task Jacobian in natural units.
+            scale: Size of the terms of J, (...).
             constraint: Projector (..., n, n) or orthonormal rows (..., r, n) of forbidden rates.
-            metric: M (k, m1) of the major velocity in its own units; None measures natural ones.
+            metric: M (k, m1) of the major velocity in its own units; None measures in natural
+                units.
         """
         S_m, S_s = self._major, self._secondary
-        if (lost := self.task.start.lost(self.reach, S_m @ J)) is not None:
-            J = J - np.linalg.pinv(S_m) @ lost
-        if (lost := self._first[1].lost(self.secondary, S_s @ J)) is not None:
-            beside = S_s @ (np.eye(S_s.shape[1]) - np.linalg.pinv(S_m) @ S_m)
-            J = J - np.linalg.pinv(beside) @ lost
+        if (negligible := self.task.start.negligible(self.decision, S_m @ J)) is not None:
+            J = J - np.linalg.pinv(S_m) @ negligible
+        if (negligible := self._first[1].negligible(self.secondary, S_s @ J)) is not None:
+            complement = S_s @ (np.eye(S_s.shape[1]) - np.linalg.pinv(S_m) @ S_m)
+            J = J - np.linalg.pinv(complement) @ negligible
         S = S_m if metric is None else metric @ (self.S_m * self.task.task_units)
         admissible: Array = S @ (J - J @ transposed(constraint) @ constraint)
         sigma = np.linalg.svd(admissible, compute_uv=False)
-        return J, parting(scale, norm(S), sigma, self.reach.rank)
+        return J, separating_scale(scale, norm(S), sigma, self.decision.rank)
 
     @property
     def gain_uncertainty(self) -> float:
-        """Relative error that the least gain may have, of one condition; 0 if a direction is lost.
+        """Relative error of the least gain due to the accuracy of the geometry, for one condition.
 
-        It is what the accuracy of the geometry leaves open.
+        Zero if a direction is unreachable.
         """
-        return self.reach.uncertainty if self.reach.rank == len(self.S_m) else 0.0
+        return self.decision.uncertainty if self.decision.rank == len(self.S_m) else 0.0
 
     @cached_property
     def major_units(self) -> Array:
@@ -117,7 +118,7 @@ class MajorTask:
 
     @property
     def measure(self) -> Measure:
-        """Of major velocities and rates."""
+        """Natural units of major velocities and rates."""
         return Measure(self.major_units, self.task.rate_units)
 
     @cached_property
@@ -131,16 +132,19 @@ class MajorTask:
         return self.S_s * units / self.secondary_units[:, None]
 
 
-def parting(scale: Array | float, size: float, sigma: NDArray[Any], rank: Indices) -> Array:
-    """Size of J for which :data:`RANK_TOLERANCE` parts what counts of S J from what does not.
+def separating_scale(
+    scale: Array | float, size: float, sigma: NDArray[Any], rank: Indices
+) -> Array:
+    """Return the scale of J at which RANK_TOLERANCE separates significant from zero directions.
 
-    The `scale` of its terms, unless that would drop a direction that counts, shape (...).
+    It is the `scale` of the terms of J unless that would drop a significant direction of S J,
+    (...).
 
     Args:
-        scale: Shape (...).
+        scale: Size of the terms of J, shape (...).
         size: Norm of S.
         sigma: Singular values of S J, descending, (..., k).
-        rank: How many count, (...).
+        rank: Number of significant values, (...).
     """
     counts = np.arange(sigma.shape[-1]) < np.asarray(rank)[..., None]
     least = sigma.min(axis=-1, initial=np.inf, where=counts)
@@ -148,7 +152,7 @@ def parting(scale: Array | float, size: float, sigma: NDArray[Any], rank: Indice
 
 
 def respanned(columns: Array, factors: Array) -> Array:
-    """Orthonormal basis of the span of columns times row factors; zero ones stay, (..., k, .)."""
+    """Return an orthonormal basis of columns with scaled rows, (..., k, .); zero ones stay."""
     if not columns.size or (factors == factors[0]).all():
         return columns
     moved = factors[:, None] * columns

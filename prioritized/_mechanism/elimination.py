@@ -1,4 +1,4 @@
-"""Elimination of the passive joints, eqs. (6) to (10); springs decide what loops leave free."""
+"""Elimination of passive joints, eqs. (6) to (10), with springs on motion left free by loops."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from argument_checks import Array, Indices
 from kernels import lib, pointer
-from prioritized._mechanism.conditioning import clear_loops
+from prioritized._mechanism.conditioning import loop_threshold
 from prioritized._mechanism.geometry import Geometry
 from prioritized._mechanism.motions import Motions, motions_of, with_stiffness
 from prioritized._mechanism.task_motion import TaskMotion
@@ -22,17 +22,17 @@ class Joints(NamedTuple):
     """Velocity indices by the role of the joint; all but the active ones ascend.
 
     For each stuck joint the paper adds a unit row E to J_C (section 2.3.2). Here stuck joints are
-    left out of the decomposition instead, and E's rows are restored in the result: the same
-    mathematically, but ranks do not depend on the units of J_C relative to E.
+    left out of the decomposition instead, and E's rows are restored in the result. This is
+    mathematically equivalent, but ranks do not depend on the units of J_C relative to E.
 
     Attributes:
         actuators: Surviving actuators, in nominal numbering, shape (n - q,).
-        active: Their velocities, shape (n - q,).
+        active: Velocities of the surviving actuators, shape (n - q,).
         stuck: Joints whose rate is zero, actuated or not, shape (s,).
-        moving: All others, shape (p,).
-        passive: All that are not active, shape (N - n + q,).
+        moving: Passive joints that are not stuck, shape (p,).
+        passive: All joints that are not active, shape (N - n + q,).
         actuated: Velocities of all nominal actuators, failed ones too, shape (n,).
-        order: Those of moving, then of active joints, shape (p + n - q,).
+        order: Moving, then active joints, shape (p + n - q,).
     """
 
     actuators: Indices
@@ -44,13 +44,13 @@ class Joints(NamedTuple):
     order: Indices
 
     def among_passive(self, rows: Array) -> Array:
-        """Rows of the moving joints (p, .) placed among the passive ones, zero elsewhere."""
+        """Place rows of the moving joints (p, .) among those of the passive ones, else zero."""
         passive = np.zeros((len(self.passive), rows.shape[1]))
         passive[np.searchsorted(self.passive, self.moving)] = rows
         return passive
 
     def together(self, rates: ArrayLike, passive: Array) -> Array:
-        """All velocities (..., N), of active rates (..., n - q) and the others (..., N - n + q)."""
+        """Merge active rates (..., n - q) and passive ones (..., N - n + q) to (..., N)."""
         velocities = np.empty((*passive.shape[:-1], len(self.active) + len(self.passive)))
         velocities[..., self.active] = rates
         velocities[..., self.passive] = passive
@@ -58,27 +58,27 @@ class Joints(NamedTuple):
 
 
 def sort_joints(actuated: Indices, actuators: Indices, stuck: Indices, N: int) -> Joints:
-    """The N velocities by role, given which actuators survive and which joints are stuck."""
+    """Classify the N velocities, given the surviving actuators and the stuck joints."""
     active = actuated[actuators]
     moving = _others(np.concatenate([active, stuck]), N)
     order = np.concatenate([moving, active])
     return Joints(actuators, active, stuck, moving, _others(active, N), actuated, order)
 
 
-def _others(known: Indices, count: int) -> Indices:
-    """The indices of range(count) that are not known, ascending."""
-    rest = np.ones(count, dtype=bool)
-    rest[known] = False
-    return np.flatnonzero(rest)
+def _others(excluded: Indices, count: int) -> Indices:
+    """Return the indices of range(count) that are not excluded, ascending."""
+    is_other = np.ones(count, dtype=bool)
+    is_other[excluded] = False
+    return np.flatnonzero(is_other)
 
 
 @dataclass(frozen=True, eq=False)
 class Partition:
-    """A constrained system by joints, eqs. (6) to (9), in natural units.
+    """Constrained system partitioned by joints, eqs. (6) to (9), in natural units.
 
     Attributes:
         geometry: J_T and J_C.
-        joints: By role.
+        joints: Joints by their role.
         stiffness: K of the joint springs, (N, N); None is a rigid mechanism.
         passive_metric: Shape (N, N); None is the identity.
     """
@@ -90,56 +90,56 @@ class Partition:
 
     @property
     def J_T(self) -> Array:
-        """Shape (m, N)."""
+        """Task Jacobian in natural units, shape (m, N)."""
         return self.geometry.task
 
     @property
     def J_C(self) -> Array:
-        """Shape (c, N)."""
+        """Constraint Jacobian in natural units, shape (c, N)."""
         return self.geometry.closure
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Of J, (m, n - q)."""
+        """Shape of J, (m, n - q)."""
         return len(self.geometry.J_T), len(self.joints.active)
 
     def reduced(self, gain: Array) -> tuple[Array, float]:
-        """J = J_Ta + J_Tp gain, eq. (14), shape (m, n - q), and the size of the two terms."""
+        """Return J = J_Ta + J_Tp gain, eq. (14), shape (m, n - q), and the size of its terms."""
         J_T, (p, n) = np.ascontiguousarray(self.J_T), gain.shape
-        J, own = np.empty((len(J_T), n)), (pointer(self.joints.order), p, n, pointer(gain), n)
-        scale = lib.reduce_task(pointer(J_T), *J_T.shape, *own, pointer(J))
+        J, columns = np.empty((len(J_T), n)), (pointer(self.joints.order), p, n, pointer(gain), n)
+        scale = lib.reduce_task(pointer(J_T), *J_T.shape, *columns, pointer(J))
         return read_only(J), scale
 
     @property
     def is_rigid(self) -> bool:
-        """Whether nothing but the loops decides how passive joints move."""
+        """Return whether the loops alone determine the motion of passive joints."""
         return self.stiffness is None and self.passive_metric is None
 
     @cached_property
     def rigid(self) -> Motions:
-        """The motions that the loops admit."""
+        """Motions that the loops admit."""
         return motions_of(self.geometry, self.joints.active, self.joints.stuck)
 
     @cached_property
     def elastic(self) -> Motions:
-        """The same with the springs of the joints."""
+        """Motions that the loops admit with the springs of the joints."""
         return self.rigid if self.stiffness is None else with_stiffness(self.rigid, self.stiffness)
 
     @cached_property
     def weighed(self) -> Motions:
-        """The same with the passive metric as springs."""
+        """Motions with the springs, and with the passive metric as further springs."""
         metric = self.passive_metric
         return self.elastic if metric is None else with_stiffness(self.elastic, metric)
 
     @cached_property
     def motions(self) -> Motions:
-        """The same with self-motion of least norm in that metric, which holds nothing."""
-        held = self.elastic
-        return replace(self.weighed, self_motion=held.self_motion, freedom=held.freedom)
+        """Motions with springs whose self-motion has the least norm in the passive metric."""
+        elastic = self.elastic
+        return replace(self.weighed, self_motion=elastic.self_motion, freedom=elastic.freedom)
 
 
 class PassiveMotion(NamedTuple):
-    """How the p moving passive joints follow the active ones, in natural units.
+    """Motion of the p moving passive joints per active rate, in natural units.
 
     Attributes:
         gain: Passive rates per active rate, eq. (10), shape (p, n - q).
@@ -157,26 +157,26 @@ class PassiveMotion(NamedTuple):
 
 
 def passive_motion(system: Partition) -> PassiveMotion:
-    """The passive motion per active rate, eq. (10).
+    """Return the passive motion per active rate, eq. (10).
 
     Of the motion that the loops leave free, the part that springs resist minimizes their energy
-    theta^T K theta / 2. The rest is self-motion: it takes the least norm in the passive metric.
+    theta^T K theta / 2. The rest is self-motion and has the least norm in the passive metric.
     """
     J_C, (_, active, _, moving, *_) = system.J_C, system.joints
     c, p, n = len(J_C), len(moving), len(active)
     if not c and system.is_rigid:
         return PassiveMotion(none((p, n)), none((p, 0)), identity(p), none((p, p)), none((0, 0)))
     if c >= p:
-        M, own = np.empty((c + 1, p + n + c)), (pointer(system.joints.order), p, n, True)
+        M, columns = np.empty((c + 1, p + n + c)), (pointer(system.joints.order), p, n, True)
         rows = pointer(np.ascontiguousarray(J_C))
-        inverse = lib.close_loops(rows, c, J_C.shape[1], *own, pointer(M))
-        if clear_loops(system.geometry) * norm(J_C) * inverse < 1.0:
+        inverse = lib.close_loops(rows, c, J_C.shape[1], *columns, pointer(M))
+        if loop_threshold(system.geometry) * norm(J_C) * inverse < 1.0:
             gain, closing = np.ascontiguousarray(M[:p, p : p + n]), M[:p, p + n :]
             return PassiveMotion(gain, closing, none((p, 0)), none((p, p)), M[p:c, p + n :])
     J_Cp = J_C.take(moving, 1)
     U, sigma, Vt = whole_svd(J_Cp)
     rank = p - int(system.rigid.freedom)
-    # With a tolerance of zero round-off counts, and may be none.
+    # With a tolerance of zero, singular values that count may be zero.
     sigma = np.maximum(sigma[:rank], np.finfo(float).eps * norm(J_Cp))
     closing = (Vt[:rank].T / sigma) @ U[:, :rank].T
     gain, free, compliance = -closing.dot(J_C.take(active, 1)), Vt[rank:].T, none((p, p))
@@ -192,7 +192,7 @@ def passive_motion(system: Partition) -> PassiveMotion:
 
 
 def _compliance(free: Array, K: Array, moving: Indices, count: int) -> tuple[Array, Array]:
-    """Inverse of K on the free motion (p, p), and a basis of the `count` that K does not resist."""
+    """Return K^-1 on free motion (p, p), and a basis of the `count` unresisted motions."""
     resisted = free.shape[1] - count
     _, sigma, Vt = np.linalg.svd(free.T @ K[np.ix_(moving, moving)] @ free)
     directions = free @ Vt[:resisted].T
@@ -202,13 +202,13 @@ def _compliance(free: Array, K: Array, moving: Indices, count: int) -> tuple[Arr
 def _least_energy(
     gain: Array, closing: Array, compliance: Array, K: Array, moving: Indices, active: Indices
 ) -> tuple[Array, Array]:
-    """Passive rates per active rate, and J_Cp^+, shifted along free motion to the least energy."""
+    """Shift passive rates per active rate, and J_Cp^+, along free motion to the least energy."""
     K_pp, K_pa = K[np.ix_(moving, moving)], K[np.ix_(moving, active)]
     return gain - compliance @ (K_pp @ gain + K_pa), closing - compliance @ (K_pp @ closing)
 
 
 def regular_motion(system: Partition, motion: PassiveMotion) -> TaskMotion:
-    """How the task moves where loops determine all passive joints and constrain no active one."""
+    """Return the task motion if loops determine all passive joints and tie no active ones."""
     geometry, (_, active, _, moving, *_) = system.geometry, system.joints
     (N, n), closing = (geometry.J_T.shape[1], len(active)), None
     velocities, is_moving = np.zeros((N, n)), np.zeros(N, dtype=bool)

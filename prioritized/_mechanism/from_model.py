@@ -1,4 +1,4 @@
-"""What a constrained system takes from a mechanism that was read from a model."""
+"""Arguments of a constrained system, taken from a mechanism that was read from a model."""
 
 from collections.abc import Sequence
 from typing import Any, Protocol
@@ -10,14 +10,13 @@ from prioritized._mechanism.geometry import Accuracy
 from prioritized._solver.rank import RANK_TOLERANCE
 
 GEOMETRY_MARGIN = 10.0
-"""Rank tolerance per accuracy of the geometry: errors of delta in each axis or relative length move
-the singular values of closures by a few delta of their scale."""
+"""Ratio of rank tolerance to accuracy: singular values err by a few times the geometry's error."""
 
 
 class Mechanism(Protocol):
-    """The Jacobians of a mechanism; it may have names and stiffness as well.
+    """Jacobians of a mechanism, optionally with names, stiffness and accuracy.
 
-    And how accurate it is: `accuracy`, entry by entry, or geometry_accuracy, one number.
+    The accuracy is `accuracy`, entry by entry, or `geometry_accuracy`, one number.
     """
 
     @property
@@ -31,7 +30,7 @@ class Mechanism(Protocol):
 def arguments_of(
     mechanism: Mechanism, springs: bool, geometry_accuracy: float | None
 ) -> dict[str, Any]:
-    """Arguments of :class:`prioritized.ConstrainedSystem` as :meth:`ConstrainedSystem.of` says."""
+    """Return the arguments of :class:`prioritized.ConstrainedSystem` for a mechanism."""
     check.attributes("mechanism", mechanism, "J_T", "J_C", "active")
     check.flag("springs", springs)
     matrices = {"J_T": mechanism.J_T, "J_C": mechanism.J_C, "active": mechanism.active}
@@ -53,12 +52,12 @@ def arguments_of(
 
 
 def accuracy_of(mechanism: Any) -> Accuracy | None:
-    """How accurate its entries are, if it says so: to be read when needed."""
+    """Return the accuracy of the entries of a mechanism, or None if it has none."""
     return getattr(mechanism, "accuracy", None)
 
 
 def error_bound_of(mechanism: Any) -> float:
-    """Of the errors of all its entries in natural units; zero where it says nothing of them."""
+    """Return the bound of the errors of all entries in natural units; zero if they are exact."""
     bound = getattr(mechanism, "error_bound", None)
     if bound is None:
         accuracy = accuracy_of(mechanism)
@@ -67,10 +66,10 @@ def error_bound_of(mechanism: Any) -> float:
 
 
 def tolerance_of(rank_tolerance: float | None, geometry_accuracy: float | None) -> float:
-    """The rank tolerance, from the accuracy of the geometry where that is given.
+    """Return the rank tolerance, derived from the accuracy of the geometry where that is given.
 
     Raises:
-        ValueError: One of them out of range, or both given and in disagreement.
+        ValueError: One of them is out of range, or both are given and disagree.
     """
     if rank_tolerance is not None:
         check.number("rank_tolerance", rank_tolerance, 0.0, 0.5)
@@ -78,7 +77,7 @@ def tolerance_of(rank_tolerance: float | None, geometry_accuracy: float | None) 
         return RANK_TOLERANCE if rank_tolerance is None else rank_tolerance
     most = 0.5 / GEOMETRY_MARGIN
     implied = GEOMETRY_MARGIN * check.number("geometry_accuracy", geometry_accuracy, 0.0, most)
-    tolerance = max(RANK_TOLERANCE, implied)  # round-off is there however good the geometry
+    tolerance = max(RANK_TOLERANCE, implied)  # round-off remains however accurate the geometry
     if rank_tolerance not in (None, tolerance):  # dataclasses.replace gives both, in agreement
         raise ValueError(
             "geometry_accuracy must not be given with another rank_tolerance, "

@@ -1,4 +1,4 @@
-"""The Jacobians of a mechanism in natural units, their accuracy, and what its loops admit."""
+"""Jacobians of a mechanism in natural units, with their accuracy and admissible motions."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,12 +12,12 @@ from prioritized._solver.rank import RankedSvd, frobenius, norm, ranked_svd
 
 
 class Accuracy(Protocol):
-    """How accurate each entry of J_T and J_C is, and the natural unit of each row and velocity.
+    """Accuracy of each entry of J_T and J_C, and natural units of rows and velocities.
 
-    Entries are in their own units. A natural unit is 1 for an angle, and for a length that of the
-    mechanism: what is measured in natural units does not depend on the unit of length.
-    `error_bound` is one of all errors in natural units, which costs nothing to know; what it leaves
-    open is decided on the entries.
+    Errors are in the units of the entries. The natural unit of an angle is 1, that of a length is a
+    length of the mechanism: results in natural units do not depend on the unit of length.
+    `error_bound` bounds all errors in natural units and is cheap; cases that it leaves undecided
+    are decided with the errors of the entries.
     """
 
     @property
@@ -38,43 +38,44 @@ ACCURACY_PARTS = tuple(part for part in vars(Accuracy) if part[0] != "_")
 
 
 @dataclass(frozen=True, eq=False)
-class Elsewhere:
-    """The accuracy at another pose of the mechanism: of each column the largest error there was.
+class TransferredAccuracy:
+    """Accuracy at another pose of the mechanism: largest error per column and unit of rows.
 
-    Largest of the rows of the same unit, which another pose mixes.
+    Another pose mixes rows of the same unit.
 
     Attributes:
-        first: The accuracy where it is known.
-        constraints: Number of rows of J_C there. Where it is not that of the first pose, all rows
-            count alike.
+        first: Accuracy at the pose where it was computed.
+        constraints: Number of rows of J_C at the other pose. If it differs from that of the first
+            pose, all rows are assumed to have the same error.
     """
 
     first: Accuracy
     constraints: int
 
     @classmethod
-    def of(cls, accuracy: Accuracy, constraints: int) -> "Elsewhere":
-        """That of a mechanism whose accuracy is known at one pose, or is already one of these."""
-        return cls(accuracy.first if isinstance(accuracy, Elsewhere) else accuracy, constraints)
+    def of(cls, accuracy: Accuracy, constraints: int) -> "TransferredAccuracy":
+        """Transfer an accuracy, which may be a transferred one already."""
+        is_transferred = isinstance(accuracy, TransferredAccuracy)
+        return cls(accuracy.first if is_transferred else accuracy, constraints)
 
     @property
     def error_bound(self) -> float:
-        """As at the first pose."""
+        """Bound of all errors in natural units, that of the first pose."""
         return self.first.error_bound
 
     @property
     def task_units(self) -> Array:
-        """As at the first pose."""
+        """Natural units of the task rows, those of the first pose."""
         return self.first.task_units
 
     @property
     def velocity_units(self) -> Array:
-        """As at the first pose."""
+        """Natural units of the velocities, those of the first pose."""
         return self.first.velocity_units
 
     @property
     def constraint_units(self) -> Array:
-        """As at the first pose."""
+        """Natural units of the constraint rows; the largest one if their number changed."""
         units = self.first.constraint_units
         if len(units) == self.constraints:
             return units
@@ -82,12 +83,12 @@ class Elsewhere:
 
     @cached_property
     def J_T_error(self) -> Array:
-        """Shape (m, N)."""
+        """Error bounds of J_T, shape (m, N)."""
         return _spread(self.first.J_T_error, self.task_units)
 
     @cached_property
     def J_C_error(self) -> Array:
-        """Shape (c, N)."""
+        """Error bounds of J_C, shape (c, N)."""
         error, units = self.first.J_C_error, self.first.constraint_units
         if len(error) == self.constraints:
             return _spread(error, units)
@@ -102,15 +103,15 @@ def _spread(error: Array, units: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """J_T and J_C at one pose, and what is decided on them whichever actuators fail.
+    """J_T and J_C at one pose, with the rank decisions that do not depend on failures.
 
     Attributes:
         J_T: Shape (m, N).
         J_C: Shape (c, N).
         rank_tolerance: Fraction of the size of the inputs below which a singular value is zero.
-        accuracy: Of the entries; None is round-off alone, every unit natural.
-        is_stated: Whether `rank_tolerance` says how accurate they are, and not `accuracy`, which
-            then gives the natural units alone.
+        accuracy: Accuracy of the entries; None is round-off alone, with natural units of 1.
+        is_stated: Whether `rank_tolerance` defines the accuracy, so that `accuracy` provides the
+            natural units alone.
     """
 
     J_T: Array
@@ -120,33 +121,34 @@ class Geometry:
     is_stated: bool
 
     @property
-    def elsewhere(self) -> "Geometry":
-        """These Jacobians with the errors that they may have at another pose."""
-        of = self.accuracy
-        return self if of is None else replace(self, accuracy=Elsewhere.of(of, len(self.J_C)))
+    def at_other_pose(self) -> "Geometry":
+        """Geometry with the errors that these Jacobians may have at another pose."""
+        if self.accuracy is None:
+            return self
+        return replace(self, accuracy=TransferredAccuracy.of(self.accuracy, len(self.J_C)))
 
     @cached_property
     def error_bound(self) -> float:
-        """Of the errors of all entries in natural units."""
+        """Bound of the errors of all entries in natural units."""
         return 0.0 if self.accuracy is None or self.is_stated else self.accuracy.error_bound
 
     @cached_property
     def task_units(self) -> Array:
-        """Shape (m,)."""
+        """Natural units of the task rows, shape (m,)."""
         return ones(len(self.J_T)) if self.accuracy is None else self.accuracy.task_units
 
     @cached_property
     def velocity_units(self) -> Array:
-        """Shape (N,)."""
+        """Natural units of the velocities, shape (N,)."""
         return ones(self.J_T.shape[1]) if self.accuracy is None else self.accuracy.velocity_units
 
     @cached_property
     def constraint_units(self) -> Array:
-        """Shape (c,)."""
+        """Natural units of the constraint rows, shape (c,)."""
         return ones(len(self.J_C)) if self.accuracy is None else self.accuracy.constraint_units
 
     def stiffness(self, K: Array) -> Array:
-        """A stiffness or metric of the joints (N, N) in natural units."""
+        """Convert a stiffness or metric of the joints (N, N) to natural units."""
         return self.velocity_units[:, None] * K * self.velocity_units
 
     @cached_property
@@ -166,21 +168,21 @@ class Geometry:
 
     @cached_property
     def task_error(self) -> Array | None:
-        """Of each entry of `task`; None where all are exact."""
+        """Error bound of each entry of `task`; None if all are exact."""
         if self.accuracy is None or not self.error_bound:
             return None
         return self._natural(self.accuracy.J_T_error, self.task_units)
 
     @cached_property
     def closure_error(self) -> Array | None:
-        """Of each entry of `closure`; None where all are exact."""
+        """Error bound of each entry of `closure`; None if all are exact."""
         if self.accuracy is None or not self.error_bound:
             return None
         return self._natural(self.accuracy.J_C_error, self.constraint_units)
 
     @cached_property
     def loops(self) -> RankedSvd:
-        """The rank decision on J_C."""
+        """Rank decision on J_C."""
         A, error = self.closure, self.closure_error
         return ranked_svd(A, frobenius(A), self.rank_tolerance, full=True, error=error)
 
@@ -191,7 +193,7 @@ class Geometry:
 
     @cached_property
     def closing(self) -> Array:
-        """J_C^+ in natural units, (N, c): the least motion per gap of the closures."""
+        """J_C^+ in natural units, (N, c): least-norm motion per error of closure."""
         svd = self.loops
         r = int(svd.rank)
         return (svd.Vt[:r].T / svd.sigma[:r]) @ svd.U[:, :r].T

@@ -1,4 +1,4 @@
-"""Angles and lengths in one norm, measured with a length that is stated or the mechanism's own."""
+"""Norms of angles and lengths together, by means of a stated length or the mechanism's own."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from argument_checks.ties import ACCURACY
 
 
 def units_of(S: Array, units: Array) -> Array:
-    """Natural units (k,) of directions S (k, m): the norm of their rows' units per unit norm."""
+    """Return natural units (k,) of directions S (k, m): norm of their rows' units per unit norm."""
     sizes = np.sqrt((S**2).sum(axis=1))
     return np.sqrt(((S * units) ** 2).sum(axis=1)) / np.where(sizes > 0.0, sizes, 1.0) + (
         sizes == 0.0
@@ -17,7 +17,7 @@ def units_of(S: Array, units: Array) -> Array:
 
 
 def metric_of(units: Array) -> Array | None:
-    """Weights with which numbers in these natural units may be added; None for one kind alone."""
+    """Return weights for adding numbers of these natural units; None if all have one kind."""
     return None if is_uniform(units) else 1.0 / units
 
 
@@ -29,21 +29,21 @@ class Measure(NamedTuple):
 
     @property
     def metric(self) -> Array | None:
-        """Metric (m1, m1) that adds major velocities of two kinds; None for one kind."""
+        """Metric (m1, m1) for adding major velocities of two kinds; None for one kind."""
         weights = metric_of(self.major)
         return None if weights is None else np.diag(weights)
 
     @property
     def is_needed(self) -> bool:
-        """Whether there are two kinds of either."""
+        """Return whether major velocities or rates are of two kinds, angular and linear."""
         return not (is_uniform(self.major) and is_uniform(self.rates))
 
     def length(self, of_error: bool, of_ties: bool) -> float | None:
-        """The length between the two kinds; None where there is one alone.
+        """Return the length that relates the two kinds; None if there is only one kind.
 
         Args:
-            of_error: Whether major velocities are in one norm.
-            of_ties: Whether rates are.
+            of_error: Whether major velocities are combined in one norm.
+            of_ties: Whether rates are combined in one norm.
         """
         for units, used in ((self.major, of_error), (self.rates, of_ties)):
             if used and not is_uniform(units):  # one unit is 1, that of an angle
@@ -52,21 +52,21 @@ class Measure(NamedTuple):
 
     @property
     def gain_unit(self) -> float:
-        """Major velocity over rate of which gains are multiples: 1 where there are two kinds."""
+        """Unit of gains, major velocity over rate; 1 where there are two kinds."""
         if self.is_needed or not (self.major.size and self.rates.size):
             return 1.0
         return float(self.major[0] / self.rates[0])
 
     @property
     def inverse(self) -> "Measure":
-        """Of major forces and torques: their products with velocities and rates are of one kind."""
+        """Natural units of major forces and torques, dual to those of velocities and rates."""
         return Measure(1.0 / self.major, 1.0 / self.rates)
 
     def of_gain(self, gain: Array) -> Array:
-        """Rates per major velocity, (..., n, m1), or torques per force: in natural units."""
+        """Convert rates per major velocity (..., n, m1), or torques per force, to natural units."""
         return gain * self.major / self.rates[:, None] if self.is_needed else gain
 
 
 def is_uniform(units: Array) -> bool:
-    """Whether all are of one kind."""
+    """Return whether all units are of one kind."""
     return not units.size or bool(units.max() <= (1.0 + ACCURACY) * units.min())

@@ -1,7 +1,7 @@
-"""The motions that the loops of a mechanism admit, under one failure condition or many at once.
+"""Motions that the loops of a mechanism admit, under one failure condition or many at once.
 
-All in natural units. Of one condition null spaces come as bases, of many as projectors, whose shape
-does not depend on the rank; leading axes are then the conditions.
+All in natural units. Null spaces are bases for one condition, and projectors for many, whose shape
+does not depend on the rank; the axes of the conditions lead.
 """
 
 import dataclasses
@@ -17,18 +17,19 @@ from prioritized._solver.rank import RankedSvd, ranked_svd
 
 @dataclass(frozen=True)
 class Motions:
-    """The motions theta_dot = B x that the loops admit, B of :class:`Geometry`.
+    """Motions theta_dot = B x that the loops admit, with B of :class:`Geometry`.
 
     Attributes:
         geometry: J_T and J_C.
         moving: Passive and free joints that are not stuck, shape (..., N).
-        rates: The rank decision on the active rates of the motions with every locked joint at rest.
+        rates: Rank decision on the active rates of the motions with every locked joint at rest.
         driven: Motion x per active rate, shape (..., d, n); failed actuators have zero columns.
-        self_motion: The x with every active joint locked: basis (d, f) or projector (..., d, d).
-        freedom: Their dimension f, shape (...).
+        self_motion: Motions x with every active joint locked: basis (d, f) or projector (..., d,
+            d).
+        freedom: Dimension f of the self-motion, shape (...).
         internal: Dimension of the internal force: the rows of J_C less the rank of J_Cp, (...).
-        closing: Task motion per gap of the closures, active and locked joints at rest, (..., m, c);
-            None where the geometry is exact.
+        closing: Task motion per error of closure with active and locked joints at rest, (..., m,
+            c); None if the geometry is exact.
         gap: Smallest gap of the rank decisions, shape (...).
     """
 
@@ -46,24 +47,24 @@ class Motions:
     def admissible(self) -> Array:
         """Orthonormal basis of the rates that the loops admit, zeros last, shape (..., n, .)."""
         k = self.rates.sigma.shape[-1]
-        return self.rates.U[..., :k] * self.rates.kept[..., None, :]
+        return self.rates.U[..., :k] * self.rates.significant[..., None, :]
 
     def constraints(self, actuators: Indices | int) -> Indices:
-        """Number of constraints on the rates of so many active joints, eq. (17), shape (...)."""
+        """Return the number of constraints on the rates of so many actuators, eq. (17), (...)."""
         return actuators - self.rates.rank
 
 
 def motions_of(
     geometry: Geometry, actuated: Indices, stuck: Indices, masks: tuple[Mask, Mask] | None = None
 ) -> Motions:
-    """The motions of these joints, by velocity index.
+    """Return the admissible motions, given the roles of the joints by velocity index.
 
     Args:
         geometry: J_T and J_C.
-        actuated: The active joints, or all that have an actuator where masks are given.
-        stuck: Joints whose rate is zero; where masks are given, besides the locked actuators.
-        masks: Which actuators are locked and which are active, (C, n) each; None is one condition,
-            in which all these are active.
+        actuated: Active joints, or all actuated joints if masks are given.
+        stuck: Joints whose rate is zero; if masks are given, in addition to the locked actuators.
+        masks: Which actuators are locked and which are active, (C, n) each; None is one condition
+            in which all of `actuated` are active.
     """
     B, tolerance = geometry.motions, geometry.rank_tolerance
     rows = B[actuated]
@@ -78,16 +79,16 @@ def motions_of(
         moving = np.tile(moving, (count, 1))
         moving[:, actuated] = ~is_locked & ~is_active
         both = np.concatenate([is_locked, np.ones((count, len(stuck)), dtype=bool)], axis=1)
-        held_joints = np.concatenate([actuated, stuck])
-        locked = both[..., None] * B[held_joints]
+        fixed_joints = np.concatenate([actuated, stuck])
+        locked = both[..., None] * B[fixed_joints]
         of_locked = None
         if _is_inexact(geometry):
-            of_locked = both[..., None] * geometry.closing[held_joints]
+            of_locked = both[..., None] * geometry.closing[fixed_joints]
     alone = masks is None
-    # B is orthonormal, so that ranks of its rows are decided against one.
-    held = ranked_svd(locked, 1.0, tolerance, full=alone, error=_error(geometry, of_locked, B))
-    possible = held.null if alone else held.null_projector()
-    unlocking = held.pseudo_inverse()
+    # B is orthonormal, so that the scale of ranks of its rows is one.
+    fixed = ranked_svd(locked, 1.0, tolerance, full=alone, error=_error(geometry, of_locked, B))
+    possible = fixed.null if alone else fixed.null_projector()
+    unlocking = fixed.pseudo_inverse()
     of_active = None
     if of_locked is not None:
         of_active = active * (geometry.closing[actuated] - rows @ unlocking @ of_locked)
@@ -104,10 +105,10 @@ def motions_of(
         task = geometry.task @ B
         free = geometry.task @ geometry.closing
         closing = free - task @ (unlocking @ of_locked + driven @ of_active)
-    gaps = np.broadcast_arrays(geometry.loops.gap, held.gap, rates.gap)
+    gaps = np.broadcast_arrays(geometry.loops.gap, fixed.gap, rates.gap)
     if not len(geometry.J_C):  # nothing was decided: B is the identity
         gaps = [np.full_like(gaps[0], np.inf)]
-    freedom = B.shape[1] - held.rank - rates.rank
+    freedom = B.shape[1] - fixed.rank - rates.rank
     return Motions(
         geometry=geometry,
         moving=moving,
@@ -126,14 +127,14 @@ def _is_inexact(geometry: Geometry) -> bool:
 
 
 def _error(geometry: Geometry, closing: Array | None, motion: Array) -> Array | None:
-    """Of what moves by `closing` per gap of the closures, in this motion; None where exact."""
+    """Return error bounds of a task that moves by `closing` per error of closure; None if exact."""
     if closing is None or geometry.closure_error is None:
         return None
     return np.abs(closing) @ (geometry.closure_error @ np.abs(motion))
 
 
 def with_stiffness(motions: Motions, stiffness: Array) -> Motions:
-    """The motions once self-motion minimizes theta^T K theta."""
+    """Return the motions with the self-motion that minimizes theta^T K theta."""
     geometry, F, K = motions.geometry, motions.self_motion, stiffness
     if not F.shape[-1]:
         return motions
@@ -141,17 +142,17 @@ def with_stiffness(motions: Motions, stiffness: Array) -> Motions:
     # Springs of locked joints must not count, not even by the round-off of F.
     B_m = motions.moving[..., None] * B
     K_m = transposed(B_m) @ K
-    # Against all forces on the moving joints: beside a coupling K_pa, round-off in K_pp is no
-    # spring.
+    # The scale includes all forces on the moving joints: relative to a large coupling K_pa, a
+    # tiny K_pp is round-off.
     scale = np.sqrt(motions.moving @ (K**2).sum(axis=1))
     alone = motions.moving.ndim == 1
     resisted = transposed(F) @ K_m @ B_m @ F
-    held = ranked_svd(resisted, scale, geometry.rank_tolerance, full=alone)
-    compliance = F @ held.pseudo_inverse() @ transposed(F)
+    resistance = ranked_svd(resisted, scale, geometry.rank_tolerance, full=alone)
+    compliance = F @ resistance.pseudo_inverse() @ transposed(F)
     return dataclasses.replace(
         motions,
         driven=motions.driven - compliance @ (K_m @ B) @ motions.driven,
-        self_motion=F @ (held.null if alone else held.null_projector()),
-        freedom=motions.freedom - held.rank,
-        gap=np.minimum(motions.gap, held.gap),
+        self_motion=F @ (resistance.null if alone else resistance.null_projector()),
+        freedom=motions.freedom - resistance.rank,
+        gap=np.minimum(motions.gap, resistance.gap),
     )

@@ -1,4 +1,4 @@
-"""A mechanism reduced to its surviving active joints, in natural units, and what it decides."""
+"""Reduction of a mechanism to its surviving active joints, in natural units."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from argument_checks import Array
-from prioritized._mechanism.conditioning import clear_of_errors
+from prioritized._mechanism.conditioning import task_threshold
 from prioritized._mechanism.decisions import MajorTask
 from prioritized._mechanism.elimination import (
     Partition,
@@ -16,7 +16,7 @@ from prioritized._mechanism.elimination import (
     regular_motion,
 )
 from prioritized._mechanism.measure import Measure, is_uniform, units_of
-from prioritized._mechanism.ordered import Stacked, in_order
+from prioritized._mechanism.ordered import LevelRows, in_order
 from prioritized._mechanism.statics import constraint_gain, internal_rows
 from prioritized._mechanism.task_motion import TaskMotion
 from prioritized._solver.arrays import none, read_only
@@ -25,7 +25,7 @@ from prioritized._solver.rank import whole_svd
 
 
 class ActiveConstraint(NamedTuple):
-    """J~_Cp^T J_Ca on its decided rank r', in natural units.
+    """Constraint matrix J~_Cp^T J_Ca with its decided rank r', in natural units.
 
     Attributes:
         rows: Orthonormal rows; admissible rates are their null space, shape (r', n - q).
@@ -37,7 +37,7 @@ class ActiveConstraint(NamedTuple):
 
 
 def active_constraint(system: Partition, left_null: Array) -> ActiveConstraint:
-    """The constraints on the active rates, for J~_Cp^T (r, c)."""
+    """Return the constraints on the active rates for J~_Cp^T (r, c)."""
     active = system.joints.active
     n = len(active)
     if not len(left_null):
@@ -52,12 +52,13 @@ def active_constraint(system: Partition, left_null: Array) -> ActiveConstraint:
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """What mappings and classification solve with: eqs. (6) to (17) in natural units.
+    """Mechanism reduced to its active joints, eqs. (6) to (17), in natural units.
 
-    No rank and no least norm depends on the unit of length then. Computed when first used.
+    Mappings and classification solve with it, so that no rank and no least norm depends on the unit
+    of length. Computed when first used.
 
     Attributes:
-        system: The mechanism, its joints sorted by what drives them.
+        system: The mechanism with its joints partitioned by their role.
     """
 
     system: Partition
@@ -69,7 +70,7 @@ class Reduced:
 
     @property
     def scale(self) -> float:
-        """Size of the terms whose difference is J; ranks are decided against it."""
+        """Size of the terms whose sum is J, against which ranks are decided."""
         return self._jacobian[1]
 
     @cached_property
@@ -78,12 +79,12 @@ class Reduced:
 
     @cached_property
     def motion(self) -> PassiveMotion:
-        """How the passive joints follow the active ones."""
+        """Motion of the passive joints per active rate."""
         return passive_motion(self.system)
 
     @cached_property
     def task_motion(self) -> TaskMotion:
-        """How the whole task follows, and the rank decisions on it."""
+        """Motion of the whole task per active rate, with the rank decisions on it."""
         system, motion = self.system, self.motion
         if self.is_tied or motion.free.shape[1] or not system.is_rigid:
             return TaskMotion.of(system.motions, system.joints.active)
@@ -99,7 +100,7 @@ class Reduced:
 
     @property
     def is_tied(self) -> bool:
-        """Whether the loops may constrain the active rates."""
+        """Return whether the loops may constrain the active rates."""
         return len(self.motion.left_null) > 0
 
     @property
@@ -110,7 +111,7 @@ class Reduced:
 
     @cached_property
     def active_constraint(self) -> ActiveConstraint:
-        """The same, with the pseudo-inverse."""
+        """Constraints of the active rates, with the pseudo-inverse."""
         return active_constraint(self.system, self.motion.left_null)
 
     @cached_property
@@ -121,7 +122,7 @@ class Reduced:
 
     @cached_property
     def constraint_gain(self) -> Array:
-        """Constraint forces of least norm per task force, eq. (11), shape (c + s, m)."""
+        """Least-norm constraint forces per task force, eq. (11), shape (c + s, m)."""
         return constraint_gain(self.system, self.motion, self.internal_force.T)
 
     @cached_property
@@ -135,51 +136,53 @@ class Reduced:
         return float(sigma[0] / sigma[rank - 1])
 
     def major(self, S_m: Array, S_s: Array | None = None) -> MajorTask:
-        """The rank decisions on the task S_m v, and on S_s v with it at rest."""
+        """Return the rank decisions on the task S_m v, and on S_s v with S_m v = 0."""
         return MajorTask(self.task_motion, S_m, S_m[:0] if S_s is None else S_s)
 
-    def in_order(self, levels: Stacked) -> tuple[list[tuple[Array, float]], bool]:
-        """Rows of levels (k, n) and their sizes, their rank decisions made one after the other.
+    def in_order(self, levels: LevelRows) -> tuple[list[tuple[Array, float]], bool]:
+        """Return rows (k, n) and sizes of levels, with their ranks decided one after the other.
 
-        And whether no self-motion moves the first level.
+        The second result is whether no self-motion moves the first level.
         """
         rows = levels.at(self.J, self.scale)
-        is_held = self.holds(levels.first / self.task_units)
+        is_determined = self.determines(levels.first / self.task_units)
         if not len(self.system.joints.active):
-            return rows, is_held
-        return in_order(self.task_motion, levels, rows), is_held
+            return rows, is_determined
+        return in_order(self.task_motion, levels, rows), is_determined
 
     @property
     def measured(self) -> tuple[Array, float]:
-        """J and its size, rows in natural units, and rates where these are of two kinds."""
+        """J and its size, with rows in natural units, and with rates if these are of two kinds."""
         return self._in_rates(self.J, self.scale)
 
-    def decided(self, S_m: Array, S_s: Array, metric: Array | None = None) -> tuple[Array, float]:
-        """J and its size as `measured`, without what counts as lost for S_m v and S_s v.
+    def truncated_jacobian(
+        self, S_m: Array, S_s: Array, metric: Array | None = None
+    ) -> tuple[Array, float]:
+        """Return J without components of decided rank zero for S_m v and S_s v, and its scale.
 
-        :data:`RANK_TOLERANCE` parts what counts of it from what does not, weighed with a metric
-        (k, m1) of v_m.
+        The units are those of `measured`. With this scale :data:`RANK_TOLERANCE` reproduces the
+        decisions, for v_m measured with a metric (k, m1).
         """
         task = self.major(S_m, S_s)
-        J, scale = task.handed_on(self.J, self.scale, self.constraint, metric)
+        J, scale = task.truncated(self.J, self.scale, self.constraint, metric)
         return self._in_rates(J, float(scale))
 
     def _in_rates(self, J: Array, scale: float) -> tuple[Array, float]:
         unit = self.common_unit
         return (J, scale) if unit == 1.0 else (read_only(J / unit), scale / unit)
 
-    def holds(self, S_m: Array) -> bool:
-        """Whether no self-motion moves the task S_m v."""
+    def determines(self, S_m: Array) -> bool:
+        """Return whether locked actuators determine the task S_m v: no self-motion moves it."""
         return not self.motion.free.shape[1] or not self.major(S_m).moved.rank
 
     @property
-    def clear(self) -> float:
-        """Part of `scale` above which a singular value of J is clearly not zero."""
+    def threshold(self) -> float:
+        """Fraction of `scale` above which a singular value of J is certainly not zero."""
         geometry, motion = self.system.geometry, self.motion
-        return clear_of_errors(geometry, self.scale, motion.gain, motion.closing)
+        return task_threshold(geometry, self.scale, motion.gain, motion.closing)
 
     def measure(self, S_m: Array) -> Measure:
-        """Natural units of v_m = S_m v and of the rates."""
+        """Return the natural units of v_m = S_m v and of the rates."""
         return Measure(units_of(S_m, self.task_units), self.rate_units)
 
     @property
@@ -194,7 +197,7 @@ class Reduced:
 
     @property
     def force_units(self) -> Array:
-        """Natural units of the velocities that constraint forces do work with, (c + s,)."""
+        """Natural units of the velocities dual to the constraint forces, (c + s,)."""
         geometry = self.system.geometry
         stuck = geometry.velocity_units[self.system.joints.stuck]
         return np.append(geometry.constraint_units, stuck)
@@ -206,12 +209,12 @@ class Reduced:
 
     @property
     def mixed_units(self) -> Array | None:
-        """Natural units of the rates where these are of two kinds, (n - q,)."""
+        """Natural units of the rates if these are of two kinds, (n - q,); otherwise None."""
         units = self.rate_units
         return None if is_uniform(units) else units
 
     @property
     def common_unit(self) -> float:
-        """Natural unit of all rates; 1 where they are of two kinds."""
+        """Natural unit of all rates; 1 if they are of two kinds."""
         units = self.rate_units
         return float(units[0]) if len(units) and self.mixed_units is None else 1.0

@@ -1,4 +1,4 @@
-"""How the task moves under one failure condition or many, and the rank decisions on it in order.
+"""Task motion under one failure condition or many, and successive rank decisions on it.
 
 In natural units; the axes of many conditions lead, as in :class:`Motions`.
 """
@@ -17,26 +17,23 @@ from prioritized._solver.arrays import transposed
 from prioritized._solver.rank import RANK_TOLERANCE, ROUND_OFF, RankedSvd, frobenius, ranked_svd
 
 LEAST_ROWS = 10.0 * ROUND_OFF / RANK_TOLERANCE
-"""Part of the whole task's size that some of its rows have at least.
-
-Of smaller ones the tolerance would be finer than ten times the round-off of the whole.
-"""
+"""Least size of task rows per size of the task: the tolerance is then ten times the round-off."""
 
 
 @dataclass(frozen=True, eq=False)
 class TaskMotion:
-    """How the whole task moves.
+    """Motion of the whole task per active rate and by self-motion.
 
     Attributes:
         geometry: J_T and J_C.
         actuated: Velocity indices of the columns of J, (n,).
         velocities: All velocities per active rate, shape (..., N, n).
-        admissible: The rates that the loops admit: basis (n, .) or projector (..., n, n).
+        admissible: Rates that the loops admit: basis (n, .) or projector (..., n, n).
         self_motion: All velocities with every active joint locked, (..., N, .).
-        closing: Task motion per gap of the closures, active and locked joints at rest, (..., m, c);
-            None where the geometry is exact.
+        closing: Task motion per error of closure, active and locked joints at rest, (..., m, c);
+            None if the geometry is exact.
         moving: Passive and free joints that are not stuck, shape (..., N).
-        gap_of_motions: Smallest gap of the rank decisions behind these, computed when asked for.
+        gap_of_motions: Function that returns the smallest gap of the rank decisions on the motions.
     """
 
     geometry: Geometry
@@ -50,7 +47,7 @@ class TaskMotion:
 
     @classmethod
     def of(cls, motions: Motions, actuated: Indices) -> "TaskMotion":
-        """The task of these motions."""
+        """Return the task motion of these admissible motions."""
         B, Z = motions.geometry.motions, motions.admissible
         return cls(
             geometry=motions.geometry,
@@ -65,7 +62,7 @@ class TaskMotion:
 
     @property
     def gap(self) -> Array:
-        """Smallest gap of the rank decisions behind the motions, shape (...)."""
+        """Smallest gap of the rank decisions on the motions, shape (...)."""
         return self.gap_of_motions()
 
     @cached_property
@@ -75,27 +72,27 @@ class TaskMotion:
 
     @cached_property
     def error(self) -> Array | None:
-        """Bound of the error of each entry of J: of eq. (14) to first order; None where exact."""
+        """First-order error bound of each entry of J, eq. (14); None if exact."""
         return self._error(self.velocities)
 
     @cached_property
-    def reach(self) -> RankedSvd:
-        """Of J."""
-        return self.decided(self.J, self.scale(None), self.error)
+    def decision(self) -> RankedSvd:
+        """Rank decision on J."""
+        return self.decide(self.J, self.scale(None), self.error)
 
     @cached_property
     def moved(self) -> RankedSvd:
-        """Of the task motion with every active joint locked."""
-        return self.decided(self.still, self.geometry.size, self.still_error)
+        """Rank decision on the task motion with every active joint locked."""
+        return self.decide(self.self_motion_task, self.geometry.size, self.self_motion_error)
 
     @cached_property
-    def still(self) -> Array:
+    def self_motion_task(self) -> Array:
         """Task motion per self-motion, shape (..., m, .)."""
         return self.geometry.task @ self.self_motion
 
     @cached_property
-    def still_error(self) -> Array | None:
-        """Bound of its error."""
+    def self_motion_error(self) -> Array | None:
+        """Error bound of the task motion per self-motion; None if exact."""
         return self._error(self.self_motion) if self.self_motion.shape[-1] else None
 
     @property
@@ -109,22 +106,24 @@ class TaskMotion:
         return self.geometry.velocity_units[self.actuated]
 
     @cached_property
-    def start(self) -> "Before":
-        """Before any step: all admissible rates are free."""
+    def start(self) -> "RemainingMotion":
+        """Remaining motion before any step: all admissible rates."""
         nothing = np.zeros((*self.velocities.shape[:-2], len(self.actuated), 0))
-        return Before(self.admissible, nothing, None if self.error is None else transposed(nothing))
+        return RemainingMotion(
+            self.admissible, nothing, None if self.error is None else transposed(nothing)
+        )
 
     def step(self, S: Array) -> "Step":
-        """The rows S J, S (k, m) in natural units."""
+        """Return the rows S J, S (k, m) in natural units."""
         error = None if self.error is None else np.abs(S) @ self.error
         return Step(S @ self.J, frobenius(S) * self.size(S), error)
 
-    def decided(self, A: Array, scale: Array | float, error: Array | None) -> RankedSvd:
-        """The rank decision on a product of this size, with the whole bases."""
+    def decide(self, A: Array, scale: Array | float, error: Array | None) -> RankedSvd:
+        """Decide the rank of a product of this size, with complete bases."""
         return ranked_svd(A, scale, self.geometry.rank_tolerance, full=True, error=error)
 
     def scale(self, S: Array | None) -> Array:
-        """Size of the terms of the task rows that S (k, m) takes part in, or of all, (...)."""
+        """Return the size of the terms of the task rows used by S (k, m), or of all rows, (...)."""
         task = self.geometry.task
         rows = task if S is None else task[S.any(axis=0)]
         follow = self.moving[..., None] * self.velocities
@@ -132,7 +131,7 @@ class TaskMotion:
         return frobenius(rows) + frobenius(through * follow)
 
     def size(self, S: Array) -> Array:
-        """The same, but not below what round-off leaves of larger rows, shape (...)."""
+        """Return `scale`, but not less than the round-off of larger rows requires, shape (...)."""
         return np.maximum(self.scale(S), LEAST_ROWS * self._size)
 
     @cached_property
@@ -140,7 +139,7 @@ class TaskMotion:
         return self.scale(None)
 
     def _error(self, velocities: Array) -> Array | None:
-        """Of the task motion in this motion of all joints."""
+        """Return the error bounds of the task motion for this motion of all joints."""
         geometry, closing = self.geometry, self.closing
         if geometry.task_error is None:
             return None
@@ -151,55 +150,57 @@ class TaskMotion:
 
 
 class Step(NamedTuple):
-    """Rows that are decided on after others: A (..., k, n), its size, and the errors of it."""
+    """Rows on which a rank is decided after others: A (..., k, n), its size, and its errors."""
 
     A: Array
     scale: Array
     error: Array | None
 
 
-class Before(NamedTuple):
-    """What earlier steps leave, and how far off their rows may be.
+class RemainingMotion(NamedTuple):
+    """Null space of the rows processed so far, with their error bound.
 
     Attributes:
-        free: Rates that they leave at rest: basis (n, .) or projector (..., n, n).
-        gain: Rates that move them, each without moving those before it, shape (..., n, k).
-        error: Of their rows, (..., k, n); None where exact.
+        free: Rates that leave these rows at rest: basis (n, .) or projector (..., n, n).
+        gain: Rates that move each row without moving the previous ones, shape (..., n, k).
+        error: Error bounds of the rows, (..., k, n); None if exact.
     """
 
     free: Array
     gain: Array
     error: Array | None
 
-    def then(self, task: TaskMotion, step: Step) -> tuple[RankedSvd, "Before"]:
-        """The rank decision on further rows with these at rest, and what both leave."""
+    def then(self, task: TaskMotion, step: Step) -> tuple[RankedSvd, "RemainingMotion"]:
+        """Decide the rank of further rows on the null space, and return the remaining motion."""
         N, error = self.free, step.error
         moved = step.A @ self.gain
         if error is not None and self.error is not None:
-            # As the null space turns, so does what the further rows see of it.
+            # Errors of the previous rows rotate the null space on which the further rows act.
             error = (error + np.abs(moved) @ self.error) @ np.abs(N)
-        decided = task.decided(step.A @ N, step.scale, error)
-        own = N @ decided.pseudo_inverse()
-        gain = np.concatenate([self.gain - own @ moved, own], axis=-1)
+        svd = task.decide(step.A @ N, step.scale, error)
+        inverse = N @ svd.pseudo_inverse()
+        gain = np.concatenate([self.gain - inverse @ moved, inverse], axis=-1)
         rows = None
         if step.error is not None and self.error is not None:
             rows = np.concatenate([self.error, step.error], axis=-2)
-        return decided, Before(N @ null_of(decided), gain, rows)
+        return svd, RemainingMotion(N @ null_of(svd), gain, rows)
 
-    def lost(self, decided: RankedSvd, A: Array) -> Array | None:
-        """What further rows A (..., k, n) have that counts as zero, (..., k, n).
+    def negligible(self, decision: RankedSvd, A: Array) -> Array | None:
+        """Return the part of further rows A (..., k, n) of decided rank zero, (..., k, n).
 
-        None where that is round-off. A are the rows that are handed on: badly conditioned loops
-        leave others of them than those that were decided on.
+        None if it is mere round-off. A are rows for the solvers; with badly conditioned loops their
+        zero directions differ from those of the rows decided on.
         """
-        is_more = (~decided.kept & (decided.sigma > decided.round_off)).any(axis=-1, keepdims=True)
+        is_more = (~decision.significant & (decision.sigma > decision.round_off)).any(
+            axis=-1, keepdims=True
+        )
         if not is_more.any():
             return None
         U, sigma, Vt = np.linalg.svd(A @ self.free, full_matrices=False)
-        part = (U * np.where(~decided.kept & is_more, sigma, 0.0)[..., None, :]) @ Vt
+        part = (U * np.where(~decision.significant & is_more, sigma, 0.0)[..., None, :]) @ Vt
         return part @ transposed(self.free)
 
 
-def null_of(decided: RankedSvd) -> Array:
-    """Of one matrix a basis of its null space, of many the projectors."""
-    return decided.null if decided.sigma.ndim == 1 else decided.null_projector()
+def null_of(svd: RankedSvd) -> Array:
+    """Return a basis of the null space of one matrix, or the projectors of many."""
+    return svd.null if svd.sigma.ndim == 1 else svd.null_projector()

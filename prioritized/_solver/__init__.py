@@ -1,1 +1,1 @@
-"""Numbers without a mechanism: the rank decision, bases, batches, the compiled solvers."""
+"""Numerical methods without a mechanism: rank decision, bases, batches, compiled solvers."""

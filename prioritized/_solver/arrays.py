@@ -1,4 +1,4 @@
-"""Matrices in batches."""
+"""Operations on batches of matrices and vectors."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -12,7 +12,7 @@ from argument_checks import read_only as read_only
 
 
 def stack(top: Array, bottom: Array) -> Array:
-    """One matrix above another, leading axes broadcast."""
+    """Stack one matrix above another, broadcasting leading axes."""
     if top.shape[:-2] == bottom.shape[:-2]:
         return np.concatenate([top, bottom], axis=-2)
     lead = np.broadcast_shapes(top.shape[:-2], bottom.shape[:-2])
@@ -21,18 +21,18 @@ def stack(top: Array, bottom: Array) -> Array:
 
 
 def product(A: Array, B: Array) -> Array:
-    """A B, leading axes broadcast."""
-    # For small matrices overhead is most of the time, and that of dot is half that of @.
+    """Return A B, broadcasting leading axes."""
+    # For small matrices call overhead dominates, and that of dot is half that of @.
     return A.dot(B) if A.ndim == 2 and B.ndim <= 2 else A @ B
 
 
 def transposed(A: Array) -> Array:
-    """The transpose of each matrix of a batch."""
+    """Return the transpose of each matrix of a batch."""
     return np.swapaxes(A, -1, -2)
 
 
 def respond(gains: Sequence[Array], required: str, **inputs: ArrayLike | None) -> Array:
-    """Sum of each gain (..., i, j) times its input (..., j); what is None counts as zero."""
+    """Return the sum of each gain (..., i, j) times its input (..., j); None counts as zero."""
     total = np.zeros(gains[0].shape[-2])
     for gain, (name, value) in zip(gains, inputs.items(), strict=True):
         if value is not None or name == required:
@@ -41,7 +41,7 @@ def respond(gains: Sequence[Array], required: str, **inputs: ArrayLike | None) -
 
 
 def apply(gain: Array, name: str, value: ArrayLike | None) -> Array:
-    """Gain (..., i, j) times a checked argument (..., j)."""
+    """Return a gain (..., i, j) times a checked argument (..., j)."""
     v = check.array(name, value, ..., gain.shape[-1])
     if gain.ndim == 2 and v.ndim == 1:
         return gain.dot(v)
@@ -50,19 +50,19 @@ def apply(gain: Array, name: str, value: ArrayLike | None) -> Array:
 
 
 def times(A: Array, x: Array) -> Array:
-    """A (..., i, j) times x (..., j), leading axes broadcast."""
+    """Return A (..., i, j) times x (..., j), broadcasting leading axes."""
     return (A @ x[..., None])[..., 0]
 
 
-def beside(*vectors: Array) -> Array:
-    """Vectors (..., i), (..., j) as one (..., i + j), leading axes broadcast."""
-    lead = np.broadcast_shapes(*(each.shape[:-1] for each in vectors))
-    wide = [np.broadcast_to(each, (*lead, each.shape[-1])) for each in vectors]
+def concatenated(*vectors: Array) -> Array:
+    """Concatenate vectors (..., i), (..., j) to (..., i + j), broadcasting leading axes."""
+    lead = np.broadcast_shapes(*(vector.shape[:-1] for vector in vectors))
+    wide = [np.broadcast_to(vector, (*lead, vector.shape[-1])) for vector in vectors]
     return np.concatenate(wide, axis=-1)
 
 
 def joined(lead: tuple[int, ...], required: str, **inputs: tuple[ArrayLike | None, int]) -> Array:
-    """Join checked inputs (..., size), each with its size, in one vector; None counts as zero."""
+    """Join checked inputs (..., size), each given with its size, in one vector; None is zero."""
     given = {
         name: np.zeros(size)
         if value is None and name != required
@@ -70,34 +70,34 @@ def joined(lead: tuple[int, ...], required: str, **inputs: tuple[ArrayLike | Non
         for name, (value, size) in inputs.items()
     }
     check.common_axes({"the mapping": lead, **{name: v.shape[:-1] for name, v in given.items()}})
-    return beside(np.zeros((*lead, 0)), *given.values())
+    return concatenated(np.zeros((*lead, 0)), *given.values())
 
 
 def on_axes(A: Array, lead: tuple[int, ...]) -> Array:
-    """The matrices A broadcast to all batch axes."""
+    """Broadcast matrices to all batch axes."""
     return A if A.shape[:-2] == lead else np.broadcast_to(A, (*lead, *A.shape[-2:]))
 
 
 @lru_cache
 def none(shape: tuple[int, ...]) -> Array:
-    """A shared read-only array of zeros, mostly without elements."""
+    """Return a shared read-only array of zeros, mostly an empty one."""
     return read_only(np.zeros(shape))
 
 
 @lru_cache
 def ones(size: int) -> Array:
-    """A shared read-only vector of ones."""
+    """Return a shared read-only vector of ones."""
     return read_only(np.ones(size))
 
 
 @lru_cache
 def identity(size: int) -> Array:
-    """A shared read-only identity matrix."""
+    """Return a shared read-only identity matrix."""
     return read_only(np.eye(size))
 
 
 class ReadOnly:
-    """A frozen dataclass whose arrays cannot be written to either, in tuples too."""
+    """Base of frozen dataclasses whose arrays, also those in tuples, are read-only."""
 
     def __post_init__(self) -> None:
         """Make every array field read-only."""

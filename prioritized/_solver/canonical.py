@@ -1,4 +1,4 @@
-"""One basis of each subspace: that of a decomposition depends on the last bits of its input."""
+"""Canonical bases of subspaces, independent of the round-off of a decomposition."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,18 +11,19 @@ _ORTHONORMAL = 1e-6
 
 
 def canonical_basis(basis: ArrayLike) -> Array:
-    """The orthonormal basis that depends on the subspace alone, shape (..., N, k).
+    """Return the orthonormal basis that depends on the subspace alone, shape (..., N, k).
 
-    Its first column is the unit vector e_i projected on the subspace and made of unit length, where
-    i is the coordinate of which most is left, the first of equals; the others are made likewise of
-    the rest. Each column is positive at its own i and all later columns are zero there: Gauss and
-    Schmidt on the orthogonal projector, with pivots.
+    The first column is the normalized projection of the unit vector e_i onto the subspace, where i
+    is the coordinate with the largest projection, the first one of equals; the following columns
+    are constructed in the same way from the remaining subspace. Each column is positive at its own
+    i and all later columns are zero there: pivoted Gram-Schmidt on the orthogonal projector.
 
     Args:
-        basis: Orthonormal columns, some of which may be zero; these come last, (..., N, k).
+        basis: Orthonormal columns, some of which may be zero, (..., N, k); zero columns are sorted
+            last.
 
     Raises:
-        ValueError: No matrix, not finite, or columns that are neither orthonormal nor zero.
+        ValueError: Not a matrix, not finite, or columns that are neither orthonormal nor zero.
     """
     columns = check.array("basis", basis, ..., None, None)
     products = np.swapaxes(columns, -1, -2) @ columns
@@ -33,10 +34,10 @@ def canonical_basis(basis: ArrayLike) -> Array:
 
 
 def canonical(basis: Array) -> Array:
-    """The same without checks, for every tick."""
-    made = np.zeros(basis.shape)
-    if made.size:
-        (N, k), rest = basis.shape[-2:], np.array(basis, order="C")
-        given = pointer(rest), pointer(made), pointer(np.empty(k))
-        lib.canonical_bases(made.size // (N * k), N, k, *given)
-    return made
+    """Return the canonical basis of :func:`canonical_basis` without checks, for per-tick use."""
+    result = np.zeros(basis.shape)
+    if result.size:
+        (N, k), remaining = basis.shape[-2:], np.array(basis, order="C")
+        arguments = pointer(remaining), pointer(result), pointer(np.empty(k))
+        lib.canonical_bases(result.size // (N * k), N, k, *arguments)
+    return result

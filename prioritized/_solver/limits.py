@@ -1,4 +1,4 @@
-"""Limits of rates, torques, or any unknowns: a lower and an upper one for each."""
+"""Lower and upper limits of rates, torques, or other unknowns."""
 
 from functools import lru_cache
 from typing import Any
@@ -16,9 +16,9 @@ Limits = tuple[Array, Array] | Array
 
 
 def limits(name: str, value: tuple[ArrayLike, ArrayLike] | None, n: int) -> Array:
-    """Lower and upper limits of n unknowns, a read-only copy, shape (2, n); None is infinite.
+    """Check limits of n unknowns and return a read-only copy, shape (2, n); None is infinite.
 
-    Each of the pair is n numbers, or one for all. Equal limits are a lock.
+    Each of the pair is n numbers, or one number for all. Equal limits fix the unknown.
     """
     if value is None:
         return _none(n)
@@ -32,7 +32,7 @@ def _none(n: int) -> Array:
 
 
 def plain_limits(value: Any, n: int) -> Array | None:
-    """A copy (2, n) of a pair of vectors of floats in order, the common case; None of others."""
+    """Copy a pair of float64 vectors in order to (2, n), the common case; return None otherwise."""
     if not (type(value) is tuple and len(value) == 2):
         return None
     lower, upper = value
@@ -40,5 +40,5 @@ def plain_limits(value: Any, n: int) -> Array | None:
         return None
     both = np.empty((2, n))
     low, high = np.ascontiguousarray(lower), np.ascontiguousarray(upper)
-    given = pointer(low), pointer(high), pointer(both)
-    return both if lib.copy_limits(n, *given) else None
+    arguments = pointer(low), pointer(high), pointer(both)
+    return both if lib.copy_limits(n, *arguments) else None

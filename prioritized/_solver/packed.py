@@ -1,4 +1,4 @@
-"""Levels of least squares in the form that the kernel takes."""
+"""Levels of least squares in the form of the compiled solver."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -11,28 +11,28 @@ from numpy.typing import NDArray
 from argument_checks import Array, Mask
 from argument_checks.ties import ACCURACY, exceeds
 from kernels import Struct, ffi, lib, pointer
-from prioritized._solver.arrays import beside, none, read_only, times
+from prioritized._solver.arrays import concatenated, none, read_only, times
 from prioritized._solver.limits import Limits
 from prioritized._solver.rank import ROUND_OFF, frobenius, norm
 
 _INT8 = np.dtype(np.int8)
-"""As it is looked up faster."""
+"""Data type of active sets; a constant because np.dtype(...) is slower."""
 
 
 class Packed(NamedTuple):
-    """Minimize |A_k x - b_k| level by level, lower <= x <= upper; B problems of one shape.
+    """Batch of B lexicographic problems min |A_k x - b_k|, lower <= x <= upper, of one shape.
 
     Attributes:
         A: Rows of all levels, one after the other, shape (B, k, n).
-        b: Shape (B, k).
-        ends: Where each level ends in A.
-        scales: Size of the matrices that each level's rows were made from, (B, levels); None is
-            their norms.
-        tolerance: Fraction of the scale below which a row depends on others.
+        b: Right-hand sides, shape (B, k).
+        ends: Index of the row in A after the last one of each level.
+        scales: Size of the matrices that each level's rows were computed from, (B, levels); None is
+            the norms of the rows.
+        tolerance: Fraction of the scale below which a row is linearly dependent.
         box: Lower and upper limits, (1, 2, n) or (B, 2, n).
-        own: Unknowns whose norm is least at last, the first ones; the others are of inequality
+        unknowns: Number of unknowns whose norm breaks ties; the others are slacks of inequality
             rows.
-        damping: Of each level, in units of its singular values; () is none.
+        damping: Damping of each level, in units of its singular values; () is none.
     """
 
     A: Array
@@ -41,21 +41,21 @@ class Packed(NamedTuple):
     scales: Array | None
     tolerance: float
     box: Array
-    own: int
+    unknowns: int
     damping: tuple[float, ...] = ()
 
     @property
     def lower(self) -> Array:
-        """Shape (1, n) or (B, n)."""
+        """Lower bounds, shape (1, n) or (B, n)."""
         return self.box[:, 0]
 
     @property
     def upper(self) -> Array:
-        """Likewise."""
+        """Upper bounds, shape (1, n) or (B, n)."""
         return self.box[:, 1]
 
-    def rest(self, x: Array) -> Array:
-        """What each row lacks, b - A x, shape (B, k)."""
+    def residual(self, x: Array) -> Array:
+        """Return the residual b - A x of all rows, shape (B, k)."""
         return self.b - times(self.A, x)
 
     @property
@@ -66,54 +66,54 @@ class Packed(NamedTuple):
         return np.stack([frobenius(part) for part in parts], axis=1)
 
     @property
-    def _size_asked(self) -> Array:
-        """Size of the x that any level asks for, (B,)."""
+    def _target_size(self) -> Array:
+        """Size of the solution that the targets require: largest |b_k| / |A_k|, (B,)."""
         parts = np.split(self.b, self.ends[:-1], axis=1)
-        asked = np.stack([np.linalg.norm(part, axis=1) for part in parts], axis=1)
+        norms = np.stack([np.linalg.norm(part, axis=1) for part in parts], axis=1)
         sizes = self._sizes
-        size = np.divide(asked, sizes, out=np.zeros_like(asked), where=sizes > 0.0)
+        size = np.divide(norms, sizes, out=np.zeros_like(norms), where=sizes > 0.0)
         return size.max(axis=1)
 
     def at_bounds(self, x: Array) -> NDArray[np.int8]:
-        """-1 where x is at its lower bound, 1 where at the upper one, 0 elsewhere, (B, n).
+        """Return -1 where x is at its lower bound, 1 at the upper one, 0 elsewhere, (B, n).
 
-        By the values: which of several bounds that are reached at once a solver counts as active
-        depends on round-off.
+        Decided by value: if several bounds become active at once, it depends on round-off which of
+        them the solver counts.
         """
-        asked = self._size_asked[:, None] * ACCURACY
-        at_lower = ~exceeds(x, self.lower, zero=asked)
-        at_upper = ~exceeds(self.upper, x, zero=asked)
+        zero = self._target_size[:, None] * ACCURACY
+        at_lower = ~exceeds(x, self.lower, zero=zero)
+        at_upper = ~exceeds(self.upper, x, zero=zero)
         nearer = at_lower & ~(at_upper & (self.upper - x < x - self.lower))
         return np.where(nearer, -1, at_upper).astype(np.int8)
 
-    def level(self, k: int, x: Array) -> Array:
-        """The same of one level, (B, .)."""
+    def level_residual(self, k: int, x: Array) -> Array:
+        """Return the residual of one level, (B, .)."""
         first = self.ends[k - 1] if k else 0
-        return self.rest(x)[:, first : self.ends[k]]
+        return self.residual(x)[:, first : self.ends[k]]
 
-    def unmet(self, levels: slice, x: Array) -> Mask:
-        """Whether these levels lack more than round-off, (B,)."""
+    def is_violated(self, levels: slice, x: Array) -> Mask:
+        """Return whether the residual of these levels exceeds round-off, (B,)."""
         first = 0 if not levels.start else self.ends[levels.start - 1]
         rows = slice(first, self.ends[levels.stop - 1])
-        rest = self.rest(x)[:, rows]
-        A, reach = np.abs(self.A[:, rows]), np.maximum(np.abs(self.lower), np.abs(self.upper))
+        residual = self.residual(x)[:, rows]
+        A, largest = np.abs(self.A[:, rows]), np.maximum(np.abs(self.lower), np.abs(self.upper))
         terms = times(A, np.abs(x)) + np.abs(self.b[:, rows])
-        # Where only zero is feasible, x is what the limits leave of round-off.
-        left = 10.0 * ROUND_OFF * times(A, np.where(np.isfinite(reach), reach, 0.0))
-        # Of the size of what any level asks for, x has round-off even where it is zero.
-        round_off = self._size_asked * self._sizes[:, levels].max(axis=1)
+        # Where only zero is feasible, x is round-off that the limits admit.
+        tiny = 10.0 * ROUND_OFF * times(A, np.where(np.isfinite(largest), largest, 0.0))
+        # The round-off of x is relative to the largest solution that a level requires.
+        round_off = self._target_size * self._sizes[:, levels].max(axis=1)
         allowed = self.tolerance * (np.linalg.norm(terms, axis=-1) + round_off)
-        return np.linalg.norm(rest, axis=-1) > allowed + np.linalg.norm(left, axis=-1)
+        return np.linalg.norm(residual, axis=-1) > allowed + np.linalg.norm(tiny, axis=-1)
 
 
 class Point(NamedTuple):
-    """Where the solver ended, the batch axis first.
+    """Result of the solver, the batch axis first.
 
     Attributes:
-        x: Shape (B, n).
-        active: Bounds that the solver held last: -1 the lower, 1 the upper, 0 none, (B, n). Of
-            those that x is at, :meth:`Packed.at_bounds`, they are some.
-        report: What ``lexicographic_solve`` says of each problem, (B, 4).
+        x: Solution, shape (B, n).
+        active: Final active set: -1 lower bound, 1 upper bound, 0 inactive, (B, n). It is a subset
+            of the bounds that x is at, see :meth:`Packed.at_bounds`.
+        report: Report of ``lexicographic_solve`` on each problem, (B, 4).
     """
 
     x: Array
@@ -122,17 +122,17 @@ class Point(NamedTuple):
 
     @property
     def steps(self) -> NDArray[np.int64]:
-        """Of the active set, (B,)."""
+        """Number of steps of the active set, (B,)."""
         return self.report[:, 0].astype(np.int64)
 
     @property
     def ended(self) -> Mask:
-        """Whether x is the optimum: it always obeys the bounds, (B,)."""
+        """Return whether x is the optimum, (B,); the bounds hold in any case."""
         return self.report[:, 1] > 0.0
 
     @property
-    def is_refused(self) -> bool:
-        """Whether a number of the first problem is not finite or too large."""
+    def is_invalid(self) -> bool:
+        """Return whether a number of the first problem is not finite or too large."""
         return bool(self.report[0, 1] < 0.0)
 
     @property
@@ -142,34 +142,35 @@ class Point(NamedTuple):
 
 
 def solve(packed: Packed, start: Point | None = None, most_steps: int | None = None) -> Point:
-    """The solution of each problem.
+    """Solve each problem.
 
     Args:
         packed: The problems.
-        start: The solution of similar problems: they start from its active set.
-        most_steps: Of the active set, for each problem; None is 20 (n + 1) for each level.
+        start: Solution of similar problems, whose active set is the initial one.
+        most_steps: Bound on the steps of the active set for each problem; None is 20 (n + 1) for
+            each level.
     """
     count, _, n = packed.A.shape
     warm = start is not None and start.x.shape == (count, n)
     x = start.x.copy() if start and warm else np.empty((count, n))
     active = start.active.copy() if start and warm else np.empty((count, n), _INT8)
-    each = count, len(packed.A), len(packed.box), warm, most_steps, packed.tolerance
-    problem, room = _shape(n, packed.ends, packed.own, packed.damping, each)
+    batch = count, len(packed.A), len(packed.box), warm, most_steps, packed.tolerance
+    problem, workspace = _shape(n, packed.ends, packed.unknowns, packed.damping, batch)
     report, scales = np.empty((count, 4)), packed.scales
     sizes = ffi.NULL if scales is None else pointer(scales)
-    wanted = ffi.NULL if packed.own == n else pointer(np.zeros((count, n)))
-    given = pointer(packed.A), pointer(packed.b), sizes, pointer(packed.box), wanted
-    work = ffi.NULL if room <= lib.OWN_ROOM else pointer(np.empty(room))
-    made = work, pointer(x), pointer(active), pointer(report)
-    lib.lexicographic_solve(problem.pointer, *given, *made, ffi.NULL)
+    desired = ffi.NULL if packed.unknowns == n else pointer(np.zeros((count, n)))
+    inputs = pointer(packed.A), pointer(packed.b), sizes, pointer(packed.box), desired
+    work = ffi.NULL if workspace <= lib.OWN_ROOM else pointer(np.empty(workspace))
+    outputs = work, pointer(x), pointer(active), pointer(report)
+    lib.lexicographic_solve(problem.pointer, *inputs, *outputs, ffi.NULL)
     return Point(read_only(x), active, read_only(report))
 
 
 def solved(packed: Packed, start: Point | None = None, most_steps: int | None = None) -> Point:
-    """The solution of each problem, of numbers that were checked one by one.
+    """Solve each problem and refuse targets whose products with their weights overflow.
 
     Raises:
-        ValueError: A target times its weight is too large.
+        ValueError: A target times its weight is 1e120 or more.
     """
     point = solve(packed, start, most_steps)
     if (point.report[:, 1] < 0.0).any():
@@ -181,12 +182,12 @@ def solved(packed: Packed, start: Point | None = None, most_steps: int | None = 
 def _shape(
     n: int,
     ends: tuple[int, ...],
-    own: int,
+    unknowns: int,
     damping: tuple[float, ...],
-    each: tuple[int, int, int, bool, int | None, float],
+    batch: tuple[int, int, int, bool, int | None, float],
 ) -> tuple[Struct, int]:
-    """Problems of one shape as the kernel takes them, and the room that it needs."""
-    count, matrices, bounds, warm, most_steps, tolerance = each
+    """Return the kernel's description of problems of one shape, and the workspace that it needs."""
+    count, matrices, bounds, warm, most_steps, tolerance = batch
     problem = Struct(
         "lexicographic_problem",
         count=count,
@@ -199,22 +200,22 @@ def _shape(
         tolerance=tolerance,
         ends=np.array(ends, np.int32),
         damping=np.array(damping) if any(damping) else None,
-        weight=None if own == n else np.append(np.ones(own), np.zeros(n - own)),
+        weight=None if unknowns == n else np.append(np.ones(unknowns), np.zeros(n - unknowns)),
     )
     return problem, lib.lexicographic_room(problem.pointer)
 
 
 class Rows(NamedTuple):
-    """Inequality rows: lower <= G x <= upper, G (..., r, n)."""
+    """Inequality rows lower <= G x <= upper, G (..., r, n)."""
 
     G: Array
     limits: Limits
 
 
 class Equations(NamedTuple):
-    """A level: |A x - b| is to be least, A (..., k, n), b (..., k).
+    """Level of least squares that minimizes |A x - b|, A (..., k, n), b (..., k).
 
-    `scale` is the size of the matrices that A was made from.
+    `scale` is the size of the matrices that A was computed from.
     """
 
     A: Array
@@ -224,47 +225,49 @@ class Equations(NamedTuple):
 
 
 def equations(A: Array) -> Equations:
-    """A x = 0, of one matrix."""
+    """Return the level A x = 0 of one matrix."""
     return Equations(A, none((len(A),)), norm(A))
 
 
 @lru_cache
 def ends_of(*rows: int) -> tuple[int, ...]:
-    """Where levels of so many rows each end."""
+    """Return the end index of each level, given its number of rows."""
     return tuple(np.cumsum(rows).tolist())
 
 
 def pack(levels: Sequence[Equations | Rows], box: Limits, tolerance: float) -> Packed:
-    """The levels as the solver takes them.
+    """Convert levels to the form of the solver.
 
-    An inequality row g becomes the equation g x = |g| s, with one more unknown s between the limits
-    over |g|: its residual is what g x lacks to lie between them.
+    An inequality row g becomes the equation g x = |g| s, with an additional unknown s between the
+    limits divided by |g|: its residual is the violation of the limits.
     """
     n, blocks, slacks, (low, high), damping = box[0].shape[-1], [], 0, box, []
-    for each in levels:
-        damping.append(0.0 if isinstance(each, Rows) else each.damping)
-        if isinstance(each, Rows):
-            squares = (each.G**2).sum(axis=-1)
+    for level in levels:
+        damping.append(0.0 if isinstance(level, Rows) else level.damping)
+        if isinstance(level, Rows):
+            squares = (level.G**2).sum(axis=-1)
             size = np.sqrt(squares.max(axis=tuple(range(squares.ndim - 1)), initial=0.0))
             size[size == 0.0] = 1.0
-            lower, upper = each.limits
-            low, high = beside(low, lower / size), beside(high, upper / size)
-            blocks.append((each.G, np.zeros(each.G.shape[:-1]), frobenius(each.G), slacks, size))
+            lower, upper = level.limits
+            low, high = concatenated(low, lower / size), concatenated(high, upper / size)
+            blocks.append((level.G, np.zeros(level.G.shape[:-1]), frobenius(level.G), slacks, size))
             slacks += len(size)
         else:
-            blocks.append((*each[:3], 0, ()))
+            blocks.append((*level[:3], 0, ()))
     vectors = [low, high, *(b for _, b, *_ in blocks)]
     matrices = (A.shape[:-2] for A, *_ in blocks)
-    lead = np.broadcast_shapes(*matrices, *(each.shape[:-1] for each in vectors))
+    lead = np.broadcast_shapes(*matrices, *(vector.shape[:-1] for vector in vectors))
     ends = ends_of(*(A.shape[-2] for A, *_ in blocks))
     A, b = np.zeros((*lead, ends[-1], n + slacks)), np.zeros((*lead, ends[-1]))
     scales = np.zeros((*lead, len(blocks)))
     for k, (rows, target, scale, slack, size) in enumerate(blocks):
         first = ends[k] - rows.shape[-2]
         A[..., first : ends[k], :n], b[..., first : ends[k]], scales[..., k] = rows, target, scale
-        for i, one in enumerate(size):
-            A[..., first + i, n + slack + i] = -one
+        for i, norm_of_row in enumerate(size):
+            A[..., first + i, n + slack + i] = -norm_of_row
     both = np.stack(np.broadcast_arrays(low, high), axis=-2)
     box = np.ascontiguousarray(both.reshape(prod(both.shape[:-2]), *both.shape[-2:]))
-    A, b, scales = (each.reshape(prod(lead), *each.shape[len(lead) :]) for each in (A, b, scales))
+    A, b, scales = (
+        array.reshape(prod(lead), *array.shape[len(lead) :]) for array in (A, b, scales)
+    )
     return Packed(A, b, ends, scales, tolerance, box, n, tuple(damping))

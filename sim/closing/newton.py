@@ -74,7 +74,7 @@ class Loops:
 
     def with_fixed(self, fixed: FixedMotion) -> "Loops":
         """Return a copy with other fixed coordinates of the same drives and frames."""
-        return check.made(Loops, **vars(self) | {"fixed": fixed})
+        return check.unchecked_record(Loops, **vars(self) | {"fixed": fixed})
 
     def largest_gap(self, data: mujoco.MjData) -> tuple[float, str]:
         """Return the largest gap and the name of its element, from MuJoCo's last computation."""

@@ -107,7 +107,7 @@ class Distances:
             if not all(isinstance(pair, list | tuple) and len(pair) == 2 for pair in given):
                 raise TypeError(
                     "pairs must be a list of pairs of lists of geoms or bodies, got "
-                    f"{check.shown(pairs)}"
+                    f"{check.short_repr(pairs)}"
                 )
             groups = [[_numbers(model, group) for group in pair] for pair in given]
             every = [np.stack(np.meshgrid(*pair), axis=-1).reshape(-1, 2) for pair in groups]

@@ -399,7 +399,7 @@ class JacobianReader:
 
     def at(self, data: mujoco.MjData) -> Jacobians:
         """Return the Jacobians at the present `data.qpos`, as :func:`jacobians` does."""
-        return check.made(Jacobians, **self.fields_at(data))
+        return check.unchecked_record(Jacobians, **self.fields_at(data))
 
     def fields_at(self, data: mujoco.MjData) -> dict[str, Any]:
         """Return the fields of :class:`Jacobians` at the present `data.qpos`, for subclasses."""
@@ -444,7 +444,7 @@ class JacobianReader:
         # In a singular pose, such as a stretched arm, rows may be zero that are not in general.
         if self._unmoved(now, data) and (still := self._unmoved(now, _generic(model, data))):
             raise ModelError(
-                f"no actuator moves {check.shown(still[0])}: name another task, what its "
+                f"no actuator moves {check.short_repr(still[0])}: name another task, what its "
                 "mechanism stands on in pinned=, or joints that are variables in active="
             )
         return now

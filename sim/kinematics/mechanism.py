@@ -138,7 +138,7 @@ class Mechanism:
         gaps = check.read_only(data.efc_pos[: data.ne].copy())
         self._observers.append(observer)
         own = {"qpos": check.read_only(qpos), "gaps": gaps, "displacements": displacements}
-        return check.made(JointPosture, **fields, **own, pose=pose)
+        return check.unchecked_record(JointPosture, **fields, **own, pose=pose)
 
     def _observer(self) -> Observer:
         """Take an observer with a state from the pool, or create one; the caller returns it."""

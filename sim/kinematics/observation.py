@@ -104,7 +104,7 @@ class Observer:
         """Return the pose of the task frame, R_now R_nominal^T in base axes, and of drives (n,)."""
         principal(lib.observe(self._log.pointer, 0, ffi.NULL, ffi.NULL, 0), self._task)
         values = check.read_only(self._values.copy())
-        pose = check.made(
+        pose = check.unchecked_record(
             Pose,
             rotation=values[:9].reshape(3, 3),
             translation_m=values[9:12],

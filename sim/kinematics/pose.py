@@ -32,8 +32,8 @@ class Pose:
 
     def __post_init__(self) -> None:
         """Check the arguments and store read-only copies."""
-        check.keep(self, "rotation", 3, 3)
-        check.keep(self, "translation_m", 3)
+        check.freeze_field(self, "rotation", 3, 3)
+        check.freeze_field(self, "translation_m", 3)
         _ = self.lead  # raises where there is none
 
     @classmethod
@@ -50,7 +50,7 @@ class Pose:
         given = *self._flat(lead), check.flat(twist, 1, lead), rotation, translation_m
         lib.move(math.prod(lead), *map(pointer, given))
         rotation, translation_m = check.read_only(rotation), check.read_only(translation_m)
-        return check.made(Pose, rotation=rotation, translation_m=translation_m)
+        return check.unchecked_record(Pose, rotation=rotation, translation_m=translation_m)
 
     def displacement(self) -> Array:
         """Return the displacement [rotation vector; translation], shape (..., 6)."""
@@ -109,7 +109,7 @@ def target_pose(name: str, target: Target) -> Pose | Array:
         quat_wxyz = check.array(f"the quaternion of {name}", target[1], 4)
         position_m = check.array(f"the position of {name}", target[0], 3)
         if not (largest := np.abs(quat_wxyz).max()):
-            got = check.shown(quat_wxyz.tolist())
+            got = check.short_repr(quat_wxyz.tolist())
             raise ValueError(f"the quaternion of {name} must not be zero, got {got}")
         unit = quat_wxyz / largest  # otherwise squares of small numbers underflow
         return Pose(Rotation.from_quat(unit, scalar_first=True).as_matrix(), position_m)
@@ -147,7 +147,9 @@ def principal(largest_rad: float, twists: Array) -> None:
 def _of_matrix(name: str, T: ArrayLike) -> Pose:
     A = check.array(name, check.array(name, T, copy=True), ..., 4, 4)
     if (np.abs(A[..., 3, :] - [0.0, 0.0, 0.0, 1.0]) > _ROTATION_ERROR).any():
-        raise ValueError(f"{name} must have the last row 0 0 0 1, got {check.shown(A.tolist())}")
+        raise ValueError(
+            f"{name} must have the last row 0 0 0 1, got {check.short_repr(A.tolist())}"
+        )
     _check_rotations(name, A[..., :3, :3])
     return Pose(A[..., :3, :3], A[..., :3, 3])
 
@@ -156,4 +158,4 @@ def _check_rotations(name: str, R: Array) -> None:
     """Check that all matrices (..., 3, 3) are rotations."""
     error = np.abs(R @ R.swapaxes(-1, -2) - np.eye(3)).max(initial=0.0)
     if error > _ROTATION_ERROR or (np.linalg.det(R) < 0.0).any():
-        raise ValueError(f"{name} must be a rotation matrix, got {check.shown(R.tolist())}")
+        raise ValueError(f"{name} must be a rotation matrix, got {check.short_repr(R.tolist())}")

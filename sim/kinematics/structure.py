@@ -237,7 +237,7 @@ def _blank(of: Structure, limits: int) -> Matrices:
     row, (tasks, constraints) = 0, per_qvel
     parts: list[tuple[_Writer, Array]] = [(of.closures.write_rows, constraints[:C])]
     for task, located in of.tasks.items():
-        write = partial(_write_checked, f"the Jacobian of {check.shown(task)}", located)
+        write = partial(_write_checked, f"the Jacobian of {check.short_repr(task)}", located)
         if isinstance(located, Motion):
             write = located.write_jacobian
         parts.append((write, tasks[row : (row := row + len(located.angular))]))

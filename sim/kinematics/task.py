@@ -162,7 +162,7 @@ def _weight(name: str, value: ArrayLike | None) -> Array | None:
         return None
     weight = check.frozen(check.array(name, value, least=0.0))
     if weight.ndim > 1:
-        raise ValueError(f"{name} must be one number or (k,), got {check.shown(value)}")
+        raise ValueError(f"{name} must be one number or (k,), got {check.short_repr(value)}")
     return weight
 
 
@@ -328,7 +328,7 @@ def located_tasks(
         raise ValueError("site must name at least one task, got none")
     functions = {task: located_task(model, task, axes) for task in tasks}
     if len(functions) < len(tasks):
-        raise ValueError(f"site must not repeat a task, got {check.shown(tasks)}")
+        raise ValueError(f"site must not repeat a task, got {check.short_repr(tasks)}")
     return functions
 
 
@@ -381,7 +381,7 @@ def pose_error(
     seen_from, tasks = _motions(model, data, site, axes)
     targets: Any = target if isinstance(site, list | tuple) else [target]
     if not isinstance(targets, list | tuple | np.ndarray) or len(targets) != len(tasks):
-        raise ValueError(f"target must be a list of {len(tasks)}, got {check.shown(target)}")
+        raise ValueError(f"target must be a list of {len(tasks)}, got {check.short_repr(target)}")
     displacements = []
     for task, given in zip(tasks, targets, strict=True):
         displacements.append(task.displacement_to(data, target_pose("target", given), seen_from))
@@ -400,7 +400,9 @@ def _motions(
     motions = list[Motion]()
     for task, rows in located_tasks(model, site, in_axes).items():
         if not isinstance(rows, Motion):
-            raise TypeError(f"site must be a frame or a centre of mass, got {check.shown(task)}")
+            raise TypeError(
+                f"site must be a frame or a centre of mass, got {check.short_repr(task)}"
+            )
         motions.append(rows)
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)

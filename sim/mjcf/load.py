@@ -90,7 +90,7 @@ def _file(path: str | Path | None) -> Path:
         exists = False
     if exists:
         return file
-    raise ModelError(f"there is no MJCF or URDF file {check.shown(str(file))}")
+    raise ModelError(f"there is no MJCF or URDF file {check.short_repr(str(file))}")
 
 
 def _check_text(file: Path) -> None:

@@ -80,7 +80,7 @@ def check_state(model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Check that a state is finite and of this model: MuJoCo would write past arrays."""
     check_size("data", model, data)
     if not (check.is_moderate(data.qpos) or np.isfinite(data.qpos).all()):  # the first is faster
-        raise ValueError(f"data.qpos must be finite, got {check.shown(data.qpos.tolist())}")
+        raise ValueError(f"data.qpos must be finite, got {check.short_repr(data.qpos.tolist())}")
 
 
 def check_size(argument: str, model: mujoco.MjModel, data: mujoco.MjData) -> None:

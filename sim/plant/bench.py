@@ -304,7 +304,7 @@ def hooks_of(events: object) -> list[Any]:
     hooks = {name: getattr(events, name, None) for name in takes}
     present = {name: hook for name, hook in hooks.items() if hook is not None}
     if not present:
-        raise TypeError("events must have plant, measured or sent, got " + check.shown(events))
+        raise TypeError("events must have plant, measured or sent, got " + check.short_repr(events))
     for name, hook in present.items():
         with suppress(ValueError):  # compiled functions may have no signature
             of = signature(check.function(f"events.{name}", hook))

@@ -443,14 +443,16 @@ class Failure:
         hint = f'; did you mean "{near[0]}"?' if near else ""
         raise ValueError(
             f"text must be NAME:KIND@SECONDS, with KIND one of {', '.join(kinds)} and SECONDS from "
-            f"0 on, got {check.shown(text)}{hint}"
+            f"0 on, got {check.short_repr(text)}{hint}"
         )
 
     @property
     def number(self) -> int:
         """Number of the actuator, 0..n-1; raises TypeError if only its name is given."""
         if isinstance(self.actuator, str):
-            raise TypeError(f"actuator must be a number here, got {check.shown(self.actuator)}")
+            raise TypeError(
+                f"actuator must be a number here, got {check.short_repr(self.actuator)}"
+            )
         return int(self.actuator)
 
     def inject(self, plant: Plant) -> None:

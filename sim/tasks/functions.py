@@ -31,7 +31,7 @@ def _direction(name: str, value: ArrayLike) -> Array:
     given = check.array(name, value, 3)
     length = np.linalg.norm(given)
     if not check.SMALLEST <= length < check.LARGEST:
-        raise ValueError(f"{name} must have a length, got {check.shown(value)}")
+        raise ValueError(f"{name} must have a length, got {check.short_repr(value)}")
     return check.frozen(given / length)
 
 
@@ -296,7 +296,7 @@ class DampingTask(_OnRates):
     def checked(self, target: Any) -> Any:
         """Check that the target is None: the target is zero velocity."""
         if target is not None:
-            raise ValueError(f"target must be None (zero velocity), got {check.shown(target)}")
+            raise ValueError(f"target must be None (zero velocity), got {check.short_repr(target)}")
         return None
 
 

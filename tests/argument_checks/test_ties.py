@@ -1,4 +1,4 @@
-"""The one rule for ties, against integers, which are equal or not; one basis of each subspace."""
+"""Test the rule for ties against integers, which are exact, and canonical bases of subspaces."""
 
 import re
 from pathlib import Path
@@ -18,8 +18,8 @@ FEW = st.lists(st.integers(-3, 3), min_size=1, max_size=12)
 
 
 @given(FEW, SEEDS, st.sampled_from([1e-9, 1.0, 1e12]))
-def test_the_last_bits_choose_nothing(numbers, seed, unit):
-    """The oracle knows the numbers as integers."""
+def test_the_last_bits_do_not_affect_choices(numbers, seed, unit):
+    """Compare with the integers that the numbers were computed from."""
     exact, x = np.array(numbers), bits(np.random.default_rng(seed), unit * np.array(numbers))
     assert greatest(x) == exact.argmax() and least(x) == exact.argmin()
     np.testing.assert_array_equal(ascending(x), np.argsort(exact, kind="stable"))
@@ -32,13 +32,13 @@ def test_the_last_bits_choose_nothing(numbers, seed, unit):
 def test_a_second_key_decides_among_equals_and_then_the_order(numbers, seed):
     rng = np.random.default_rng(seed)
     second = rng.integers(0, 3, size=len(numbers))
-    found = ascending(bits(rng, np.array(numbers)), bits(rng, second))
+    result = ascending(bits(rng, np.array(numbers)), bits(rng, second))
     expected = sorted(range(len(numbers)), key=lambda k: (numbers[k], second[k]))
-    assert found.tolist() == expected
+    assert result.tolist() == expected
 
 
 @given(SEEDS)
-def test_round_off_of_what_cancels_is_zero_where_its_size_is_said(seed):
+def test_cancelled_terms_are_zero_within_a_stated_size(seed):
     noise = 1e-16 * np.random.default_rng(seed).normal(size=6)
     assert greatest(noise, zero=1e-12) == least(noise, zero=1e-12) == 0
     assert ascending(noise, zero=1e-12).tolist() == list(range(6))
@@ -55,7 +55,7 @@ def test_infinite_numbers_equal_themselves_alone_and_nan_is_last():
 
 @given(SEEDS, st.integers(1, 8), st.integers(0, 8))
 def test_a_subspace_has_one_basis(seed, N, k):
-    """Whatever orthonormal basis it is given by; in a batch, columns of zeros come last."""
+    """Check random orthonormal bases of one subspace; in a batch, zero columns come last."""
     k, rng = min(k, N), np.random.default_rng(seed)
     columns, turn = orthogonal(rng, N)[:, :k], orthogonal(rng, k)
     basis = canonical_basis(columns)
@@ -69,7 +69,7 @@ def test_a_subspace_has_one_basis(seed, N, k):
 
 
 @pytest.mark.parametrize("basis", [1.0, [1.0, 0.0], [[np.nan]], [[2.0]], [[1.0, 0.5], [0.0, 0.8]]])
-def test_what_is_no_basis_is_refused(basis):
+def test_an_invalid_basis_raises(basis):
     with pytest.raises(ValueError, match=r"^basis must"):
         canonical_basis(basis)
 
@@ -80,8 +80,8 @@ def test_the_basis_of_everything_is_that_of_the_axes():
 
 
 @given(SEEDS, st.integers(2, 8))
-def test_equal_coordinates_take_turns_in_their_order(seed, N):
-    """What is orthogonal to (1, ..., 1) looks alike from every axis."""
+def test_equal_coordinates_are_selected_in_order(seed, N):
+    """Check the complement of (1, ..., 1), whose coordinates are equivalent."""
     rng = np.random.default_rng(seed)
     columns = np.linalg.svd(bits(rng, np.ones((1, N))))[2][1:].T @ orthogonal(rng, N - 1)
     basis = canonical_basis(columns)
@@ -89,8 +89,8 @@ def test_equal_coordinates_take_turns_in_their_order(seed, N):
     np.testing.assert_allclose(np.triu(basis, 1), 0.0, atol=1e-12)
 
 
-def test_no_method_of_an_array_chooses_past_the_rule():
-    """Ruff bans the functions of numpy, and does not see the methods of the same names."""
+def test_no_array_method_bypasses_the_rule_for_ties():
+    """Search for array methods such as argmax: ruff bans the numpy functions only."""
     rooms = ("argument_checks", "prioritized", "sim", "ftc", "fjh", "experiments")
     files = [file for room in rooms for file in (ROOT / room).rglob("*.py")]
     method = re.compile(r"(?<!\bnp)\.(argmax|argmin|argsort|argpartition)\(")

@@ -1,4 +1,4 @@
-"""The solver of levels under bounds: against oracles, by hand, and laws of what changes nothing."""
+"""Test the lexicographic solver against oracles, exact cases, and invariances."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,27 +19,27 @@ LONG = pytest.mark.long
 
 @dataclass(frozen=True)
 class Batch:
-    """B problems of one shape: levels A (B, k, n), b (B, k), and bounds (B, n)."""
+    """Batch of B problems of one shape: levels A (B, k, n), b (B, k), and bounds (B, n)."""
 
     levels: Sequence[tuple[np.ndarray, np.ndarray]]
     lower: np.ndarray
     upper: np.ndarray
 
     def residuals(self, k: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """|A_k x - b_k|, and the size of what it is computed from, (B,)."""
+        """Return |A_k x - b_k|, and the size of its terms, (B,)."""
         A, b = self.levels[k]
         size = sizes(A) * (1 + np.linalg.norm(x, axis=1)) + np.linalg.norm(b, axis=1)
         return np.linalg.norm(times(A, x) - b, axis=1), size
 
 
 def one(levels: Any, lower: Any, upper: Any) -> Batch:
-    """A single problem."""
+    """Return a single problem."""
     made = [(np.array(A, float)[None], np.array(b, float)[None]) for A, b in levels]
     return Batch(made, np.array(lower, float)[None], np.array(upper, float)[None])
 
 
 class Found(NamedTuple):
-    """What the kernel writes."""
+    """Outputs of the kernel."""
 
     x: np.ndarray
     state: np.ndarray
@@ -55,7 +55,7 @@ def kernel(
     start: tuple[np.ndarray, np.ndarray] | None = None,
     weight: np.ndarray | None = None,
     wanted: np.ndarray | None = None,
-    beside: bool = False,
+    combined: bool = False,
     damping: Sequence[float] | None = None,
     most: int = 1000,
     room: float = 0.0,
@@ -78,7 +78,7 @@ def kernel(
     damped = ffi.NULL if damping is None else pointer(np.array(damping, float))
     weighed = ffi.NULL if weight is None else pointer(weight)
     goal = np.zeros((count, n)) if wanted is None else np.ascontiguousarray(wanted, float)
-    shape = count, n, len(batch.levels), count, len(batch.lower), most, start is not None, beside
+    shape = count, n, len(batch.levels), count, len(batch.lower), most, start is not None, combined
     fields = (*shape, RANK, pointer(ends), damped, weighed)
     problem = ffi.new("lexicographic_problem *", fields)
     work = np.full(lib.lexicographic_room(problem), room)
@@ -99,26 +99,26 @@ def kernel(
 
 
 def unlimited(batch: Batch) -> Batch:
-    """The same without bounds."""
+    """Return the same problems without bounds."""
     side = np.full(batch.lower.shape, INF)
     return Batch(batch.levels, -side, side)
 
 
 def starts(rng: np.random.Generator, batch: Batch) -> list[Found]:
-    """Solved cold, and warm from the optima without bounds, from far outside and from vertices."""
+    """Yield solutions from a cold start, and warm from unbounded optima, far points, vertices."""
     shape = batch.lower.shape
     states = rng.integers(-1, 2, shape), rng.choice([-1, 1], shape)
     far = 1e3 * rng.normal(size=shape)
     optimum = kernel(unlimited(batch)).x
     free = np.zeros(shape, np.int8)
-    begun = [None, (optimum, free), *((far, state) for state in states)]
-    return [kernel(batch, start=start) for start in begun]
+    warm_state = [None, (optimum, free), *((far, state) for state in states)]
+    return [kernel(batch, start=start) for start in warm_state]
 
 
 def random_batch(
     rng: np.random.Generator, count: int, n: int, rows: Sequence[int], heavy: bool = False
 ) -> Batch:
-    """Problems with dependent, repeated and nearly repeated rows, zero columns, equal bounds.
+    """Return problems with dependent, repeated and nearly repeated rows, and equal bounds.
 
     Half of them have small integers, with many ties and degenerate vertices. Levels are scaled by
     1e-9 to 1e9. `heavy`: rows have weights 0, 1 and 1e8.
@@ -163,12 +163,12 @@ def random_batch(
 
 
 def known(batch: Batch) -> Known:
-    """By enumeration."""
+    """Return the solutions by enumeration."""
     return enumerated(batch.levels, batch.lower, batch.upper)
 
 
-def assert_alike(batch: Batch, x: np.ndarray, known: Known) -> None:
-    """Every level as good, and x as far as it is determined, where no rank is in doubt."""
+def assert_equal_solutions(batch: Batch, x: np.ndarray, known: Known) -> None:
+    """Assert equal residuals, and equal x if determined, unless a rank is uncertain."""
     clear = known.gap > 100
     assert clear.mean() > 0.6  # of six problems
     allowed = 1e-10 * known.condition
@@ -194,7 +194,7 @@ SHAPES = [
 
 
 def worst(batch: Batch, k: int, x: np.ndarray) -> float:
-    """Of the conditions of an optimum, of problem k."""
+    """Return the largest violation of the optimality conditions of problem k."""
     levels = [(A[k], b[k]) for A, b in batch.levels]
     return certificate(levels, batch.lower[k], batch.upper[k], x[k])
 
@@ -207,27 +207,27 @@ def worst(batch: Batch, k: int, x: np.ndarray) -> float:
     [(0, 12, 4), *(pytest.param(k, 100, 12, marks=LONG) for k in range(1, 11))],
 )
 def test_enumeration_of_active_sets_finds_no_better_answer(seed, count, heavy):
-    """So many problems of each shape, and of some whose rows have other weights."""
+    """Check problems of each shape, some with rows of different weights."""
     rng = np.random.default_rng(seed)
     for n, rows in SHAPES:
         batch = random_batch(rng, count, n, rows)
         best = known(batch)
-        for found in starts(rng, batch):
-            assert found.ended.all()
-            assert_alike(batch, found.x, best)
+        for result in starts(rng, batch):
+            assert result.ended.all()
+            assert_equal_solutions(batch, result.x, best)
         batch = random_batch(rng, heavy, n, rows, heavy=True)
         clear = np.flatnonzero(known(batch).gap > 100).tolist()
-        for found in starts(rng, batch):
-            assert found.ended.all()
-            assert max((worst(batch, k, found.x) for k in clear), default=0.0) < 1e-6
+        for result in starts(rng, batch):
+            assert result.ended.all()
+            assert max((worst(batch, k, result.x) for k in clear), default=0.0) < 1e-6
         # Where x meets all rows, so those that are 1e8 times as light as others of their level.
         x = rng.normal(size=(heavy, n))
-        found = kernel(
+        result = kernel(
             unlimited(replace(batch, levels=[(A, times(A, x)) for A, _ in batch.levels]))
         )
         for A, _ in batch.levels:
             size = np.linalg.norm(A, axis=2) * (1 + np.linalg.norm(x, axis=1, keepdims=True))
-            assert (abs(times(A, found.x - x)) <= 1e-5 * size)[found.gap > 10].all()
+            assert (abs(times(A, result.x - x)) <= 1e-5 * size)[result.gap > 10].all()
 
 
 @pytest.mark.parametrize(("seed", "count"), [(0, 20), pytest.param(1, 300, marks=LONG)])
@@ -235,16 +235,16 @@ def test_the_conditions_of_an_optimum_hold_in_many_unknowns(seed, count):
     rng = np.random.default_rng(seed)
     for n in rng.integers(6, 26, count):
         batch = random_batch(rng, 2, n, rng.integers(1, n, 3).tolist())
-        for found in starts(rng, batch):
-            assert found.ended.all()
-            assert max(worst(batch, k, found.x) for k in range(2)) < 1e-9
+        for result in starts(rng, batch):
+            assert result.ended.all()
+            assert max(worst(batch, k, result.x) for k in range(2)) < 1e-9
 
 
 # Starts.
 
 
-def test_a_warm_start_at_a_vertex_is_left():
-    """Round-off of a level that is met there holds no bound: 1 of 3,000 was left a vertex off."""
+def test_a_warm_start_leaves_a_suboptimal_vertex():
+    """Check that round-off of a level satisfied there keeps no bound active (1 of 3,000 failed)."""
     rng, shape = np.random.default_rng(0), (20_000, 4)
     side = rng.choice([-1, 1], shape)
     lower, upper = -rng.uniform(0.1, 1, shape), rng.uniform(0.1, 1, shape)
@@ -257,8 +257,8 @@ def test_a_warm_start_at_a_vertex_is_left():
     assert (abs(cold.x - vertex).max(axis=1) > 1e-3).mean() > 0.3
 
 
-def test_no_bound_is_held_by_a_direction_that_counts_as_zero():
-    """The level asks x_1 beyond its bound; x_3, of which it says nothing but round-off, is free.
+def test_no_bound_is_active_due_to_a_zero_direction():
+    """Check a level with target beyond the bound of x_1 and round-off in x_3, which must be free.
 
     What counts as zero, 7e-12 of the size, turns what the level leaves by 1e-9: towards x_1.
     """
@@ -266,9 +266,9 @@ def test_no_bound_is_held_by_a_direction_that_counts_as_zero():
     batch = one([(A, [1.0, -1.0, 0.0])], [0.0, -INF, -3.0], [3.0, INF, 3.0])
     for third in (-3.0, 0.5, 3.0):
         start = np.array([[0.0, 1.0, third]]), np.array([[-1, 0, np.sign(third)]], np.int8)
-        found = kernel(batch, start=start)
-        np.testing.assert_allclose(found.x, [[0.0, 1.0, 0.0]], atol=1e-12)
-        assert found.gap > 1.0
+        result = kernel(batch, start=start)
+        np.testing.assert_allclose(result.x, [[0.0, 1.0, 0.0]], atol=1e-12)
+        assert result.gap > 1.0
 
 
 # By hand.
@@ -290,25 +290,25 @@ def test_no_bound_is_held_by_a_direction_that_counts_as_zero():
         ([([[1, 5e-324]], [1])], [-9, -9], [9, 9], [1, 0]),
     ],
 )
-def test_answers_known_by_hand(levels, lower, upper, x):
+def test_exact_solutions(levels, lower, upper, x):
     batch = one(levels, lower, upper)
     far = np.full((1, len(x)), 1e9), np.zeros((1, len(x)))
-    for found in (kernel(batch), kernel(batch, start=far)):  # no round-off of 1e9 is left
-        assert found.ended.all()
-        np.testing.assert_allclose(found.x, [x], rtol=1e-14, atol=1e-14)
+    for result in (kernel(batch), kernel(batch, start=far)):  # no round-off of 1e9 is left
+        assert result.ended.all()
+        np.testing.assert_allclose(result.x, [x], rtol=1e-14, atol=1e-14)
 
 
 def test_numbers_below_1e_150_count_as_zero():
     for tiny in (5e-324, 1e-310, 1e-200):
         batch = one([([[1, 2]], [3 * tiny]), (np.eye(2), [tiny, 9 * tiny])], [-INF, 0], [tiny] * 2)
-        for found in starts(np.random.default_rng(0), batch):
-            assert found.ended.all()
-            assert abs(found.x).max() < 1e-12  # from 1e3
+        for result in starts(np.random.default_rng(0), batch):
+            assert result.ended.all()
+            assert abs(result.x).max() < 1e-12  # from 1e3
 
 
 @pytest.mark.parametrize("n", [3, 8, 20, 30])
 def test_degenerate_problems_end_and_are_optimal(n):
-    """Optima at corners, repeated columns, parallel rows, ties everywhere: no endless exchange."""
+    """Check optima at corners, repeated columns, parallel rows and ties, which could cycle."""
     rng, shape = np.random.default_rng(n), (10, n, n)
     lower, upper = -np.ones((10, n)), rng.integers(0, 2, (10, n)).astype(float)
     corner = np.where(rng.random((10, n)) < 0.5, lower, upper)
@@ -317,17 +317,17 @@ def test_degenerate_problems_end_and_are_optimal(n):
     repeated[..., rng.integers(0, n, n // 2)] = repeated[..., :1]
     parallel = rng.normal(size=(10, n, 1)) * rng.integers(-1, 2, (10, 1, n))
     units = np.eye(n)[rng.integers(0, n, (10, n))]
-    for A, B, reach in (
+    for A, B, extent in (
         (whole, rng.integers(-1, 2, shape).astype(float), 5.0),
         (repeated, parallel, 1.0),
         (units, whole, 9.0),
         (parallel, units, 1.0),
     ):
-        batch = Batch([(A, times(A, corner)), (B, reach * times(B, corner))], lower, upper)
-        for found in starts(rng, batch):
-            assert found.ended.all()
-            assert found.steps.max() < 10 * n
-            assert max(worst(batch, k, found.x) for k in range(10)) < 1e-9
+        batch = Batch([(A, times(A, corner)), (B, extent * times(B, corner))], lower, upper)
+        for result in starts(rng, batch):
+            assert result.ended.all()
+            assert result.steps.max() < 10 * n
+            assert max(worst(batch, k, result.x) for k in range(10)) < 1e-9
 
 
 # What changes nothing.
@@ -336,14 +336,14 @@ COUNT = 150
 
 
 @pytest.fixture(scope="module")
-def drawn() -> tuple[Batch, Known]:
+def sample() -> tuple[Batch, Known]:
     batch = random_batch(np.random.default_rng(0), COUNT, 4, (2, 3))
     return batch, known(batch)
 
 
-def assert_same(found: Found, other: Found) -> None:
-    """In every bit."""
-    for name, a, b in zip(Found._fields, found, other, strict=True):
+def assert_same(result: Found, other: Found) -> None:
+    """Assert bit-wise equality."""
+    for name, a, b in zip(Found._fields, result, other, strict=True):
         assert a.tobytes() == b.tobytes(), name
 
 
@@ -351,24 +351,24 @@ def assert_same(found: Found, other: Found) -> None:
     ("base", "most", "size"),
     [(2, 300, 1.0), (10, 90, 1.0), *((1, 0, size) for size in (2.0**-300, 2.0**300, 3e-90, 7e90))],
 )
-def test_units_change_nothing_and_powers_of_two_not_a_bit(drawn, base, most, size):
-    """A unit for each level, or another for x."""
-    batch, best = drawn
+def test_units_change_nothing_and_powers_of_two_not_a_bit(sample, base, most, size):
+    """Check a unit for each level, or another one for x."""
+    batch, best = sample
     units = float(base) ** np.random.default_rng(1).integers(-most, most + 1, (2, COUNT))
     levels = [
         (A * unit[:, None, None], b * size * unit[:, None])
         for (A, b), unit in zip(batch.levels, units, strict=True)
     ]
-    found = kernel(Batch(levels, batch.lower * size, batch.upper * size))
-    found = found._replace(x=found.x / size)
-    assert_alike(batch, found.x, best)
+    result = kernel(Batch(levels, batch.lower * size, batch.upper * size))
+    result = result._replace(x=result.x / size)
+    assert_equal_solutions(batch, result.x, best)
     if base < 10 and size in (1.0, 2.0**-300, 2.0**300):
-        assert_same(found, kernel(batch))
+        assert_same(result, kernel(batch))
 
 
-def test_a_batch_has_the_bits_of_its_problems_one_by_one(drawn):
-    """And one pair of bounds for all is as good as a pair for each."""
-    batch, *_ = drawn
+def test_a_batch_equals_its_problems_bit_by_bit(sample):
+    """Check as well that one pair of bounds for all equals a pair for each."""
+    batch, *_ = sample
     common = Batch(batch.levels, batch.lower[:1], batch.upper[:1])
     same = Batch(
         batch.levels, *(np.repeat(side[:1], COUNT, 0) for side in (batch.lower, batch.upper))
@@ -382,25 +382,25 @@ def test_a_batch_has_the_bits_of_its_problems_one_by_one(drawn):
         assert_same(alone, Found(*(each[only] for each in whole)))
 
 
-def test_x_does_not_depend_on_what_the_room_for_work_holds(drawn):
-    batch, *_ = drawn
-    kinds: list[dict[str, Any]] = [{}, {"beside": True}, {"damping": [0.1, 0.2]}]
+def test_x_does_not_depend_on_the_initial_workspace(sample):
+    batch, *_ = sample
+    kinds: list[dict[str, Any]] = [{}, {"combined": True}, {"damping": [0.1, 0.2]}]
     for weight in ([1.0, 2.0, 3.0, 4.0], [1.0, 1.0, 0.0, 0.0]):
         kinds.append({"weight": np.array(weight)})
     for others in kinds:
         assert_same(kernel(batch, room=np.nan, **others), kernel(batch, room=1e300, **others))
 
 
-def test_running_out_of_steps_leaves_x_within_bounds_and_says_so(drawn):
-    batch, *_ = drawn
+def test_too_few_steps_leave_x_within_bounds_with_status_unfinished(sample):
+    batch, *_ = sample
     whole, unfinished = kernel(batch), 0
     for most in range(6):
-        found = kernel(batch, most=most)
-        assert np.isfinite(found.x).all()
-        np.testing.assert_array_equal(found.ended, whole.steps <= most)
-        np.testing.assert_array_equal(found.x[found.ended], whole.x[found.ended])
-        assert (found.steps <= most).all()
-        unfinished += np.count_nonzero(~found.ended)
+        result = kernel(batch, most=most)
+        assert np.isfinite(result.x).all()
+        np.testing.assert_array_equal(result.ended, whole.steps <= most)
+        np.testing.assert_array_equal(result.x[result.ended], whole.x[result.ended])
+        assert (result.steps <= most).all()
+        unfinished += np.count_nonzero(~result.ended)
     assert unfinished > COUNT
 
 
@@ -416,10 +416,10 @@ WEIGHTS = [
 ]
 
 
-@pytest.mark.parametrize("beside", [False, True])
+@pytest.mark.parametrize("combined", [False, True])
 @pytest.mark.parametrize("weight", WEIGHTS)
-def test_a_weighted_norm_is_its_rows_after_the_last_level_or_in_it(drawn, weight, beside):
-    batch, w = drawn[0], np.ones(4) if weight is None else np.array(weight)
+def test_a_weighted_norm_is_its_rows_after_the_last_level_or_in_it(sample, weight, combined):
+    batch, w = sample[0], np.ones(4) if weight is None else np.array(weight)
     first, (A, b) = batch.levels
     size = sizes(A) + (sizes(A) == 0)  # that of the last level becomes one
     A, b = A / size[:, None, None], b / size[:, None]
@@ -428,43 +428,46 @@ def test_a_weighted_norm_is_its_rows_after_the_last_level_or_in_it(drawn, weight
     wanted *= weight is not None
     rows, goal = np.broadcast_to(np.diag(w), (COUNT, 4, 4)), w * wanted
     last = [(np.concatenate([A, rows], axis=1), np.concatenate([b, goal], axis=1))]
-    more = replace(batch, levels=[first, *(last if beside else [(A, b), (rows, goal)])])
-    found, best = kernel(batch, weight=weight and w, wanted=wanted, beside=beside).x, known(more)
+    more = replace(batch, levels=[first, *(last if combined else [(A, b), (rows, goal)])])
+    result, best = (
+        kernel(batch, weight=weight and w, wanted=wanted, combined=combined).x,
+        known(more),
+    )
     clear = best.gap > 100
-    weighed = np.linalg.norm(w * (found - best.x), axis=1) / (1 + np.linalg.norm(goal, axis=1))
+    weighed = np.linalg.norm(w * (result - best.x), axis=1) / (1 + np.linalg.norm(goal, axis=1))
     assert (weighed <= 1e-10 * best.condition)[clear].all()
-    for k in range(2 - beside):
-        (got, size), (least, _) = batch.residuals(k, found), batch.residuals(k, best.x)
+    for k in range(2 - combined):
+        (got, size), (least, _) = batch.residuals(k, result), batch.residuals(k, best.x)
         assert (np.abs(got - least) <= 1e-10 * best.condition * size)[clear].all()
 
 
 @pytest.mark.parametrize("weight", WEIGHTS)
-def test_ranks_are_those_of_all_rows_up_to_each_level(drawn, weight):
-    """Whatever is least at last: also where weights are rows of their own."""
-    batch = unlimited(drawn[0])
-    found = kernel(batch, weight=weight and np.array(weight))
+def test_ranks_are_those_of_all_rows_up_to_each_level(sample, weight):
+    """Check all final norms, also weights that are rows of their own."""
+    batch = unlimited(sample[0])
+    result = kernel(batch, weight=weight and np.array(weight))
     rows = [A / np.maximum(sizes(A), 1e-300)[:, None, None] for A, _ in batch.levels]
     upto = [np.linalg.matrix_rank(np.hstack(rows[: k + 1]), tol=RANK) for k in range(len(rows))]
-    clear = drawn[1].gap > 100
-    np.testing.assert_array_equal(found.ranks.cumsum(axis=1)[clear], np.transpose(upto)[clear])
+    clear = sample[1].gap > 100
+    np.testing.assert_array_equal(result.ranks.cumsum(axis=1)[clear], np.transpose(upto)[clear])
 
 
-def test_the_gap_is_that_of_the_singular_values_within_20():
-    """And not below for nothing: within 20 of it. Where it is large, the rank is right."""
+def test_the_gap_equals_that_of_the_singular_values_within_20():
+    """Check that the gap is within a factor of 20, and the rank correct if the gap is large."""
     rng, n = np.random.default_rng(0), 5
     sigma = 10.0 ** rng.uniform(-13, 0, (500, n))
     sigma[:, 0] = 1.0
     U, V = (np.linalg.qr(rng.normal(size=(500, n, n)))[0] for _ in range(2))
     A, b = (U * sigma[:, None]) @ V.mT, rng.normal(size=(500, n))
-    found = kernel(unlimited(Batch([(A, b)], b, b)))
+    result = kernel(unlimited(Batch([(A, b)], b, b)))
     least = RANK * sizes(A)[:, None]
     true = np.maximum(sigma / least, least / sigma).min(axis=1)
-    assert (found.gap >= 1).all()
-    assert (found.gap <= 1.01 * true).all()
-    assert (found.gap >= true / 20).all()
+    assert (result.gap >= 1).all()
+    assert (result.gap <= 1.01 * true).all()
+    assert (result.gap >= true / 20).all()
     inverse = np.where(sigma > least, 1 / sigma, 0.0)
     x = times(V, inverse * times(U.mT, b))
     # What is left out, up to RANK of the size, turns the others.
     large = inverse.max(axis=1)
-    off = np.linalg.norm(found.x - x, axis=1) / np.linalg.norm(x, axis=1)
+    off = np.linalg.norm(result.x - x, axis=1) / np.linalg.norm(x, axis=1)
     assert (off < 10 * RANK * large**2 + 1e-13 * large)[true > 1.01].all()

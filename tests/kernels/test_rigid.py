@@ -1,4 +1,4 @@
-"""The motion of a mechanism from one posture to the next: against numpy and MuJoCo."""
+"""Test rigid-body functions against numpy and MuJoCo."""
 
 import mujoco
 import numpy as np
@@ -15,41 +15,41 @@ def test_displacements_are_rotation_vectors_and_translations(largest):
     turn = rng.normal(size=(40, 3))
     turn *= largest * rng.random((40, 1)) / np.linalg.norm(turn, axis=1, keepdims=True)
     R, t = np.ascontiguousarray(Rotation.from_rotvec(turn).as_matrix()), rng.normal(size=(40, 3))
-    found = np.empty((40, 6))
-    angle = lib.displacements(40, pointer(R), pointer(t), pointer(found))
-    np.testing.assert_allclose(found, np.hstack([turn, t]), atol=2e-15)
+    result = np.empty((40, 6))
+    angle = lib.displacements(40, pointer(R), pointer(t), pointer(result))
+    np.testing.assert_allclose(result, np.hstack([turn, t]), atol=2e-15)
     assert angle == pytest.approx(np.linalg.norm(turn, axis=1).max(), abs=1e-15)
-    np.testing.assert_array_equal(Pose(R, t).displacement(), found)
+    np.testing.assert_array_equal(Pose(R, t).displacement(), result)
 
 
-def test_a_mechanism_moves_as_its_closures_and_drives_ask():
-    """J_C x = -gaps first, then the drives that are held; what nothing determines stays."""
+def test_a_motion_closes_the_loops_then_moves_the_drives():
+    """Check J_C x = -gaps first, then fixed drives; undetermined motion is zero."""
     rng = np.random.default_rng(4)
     J_C, gaps = rng.normal(size=(3, 7)), 1e-3 * rng.normal(size=2)
-    active, held = np.array([4, 5, 6]), np.array([2, 0])
+    active, fixed = np.array([4, 5, 6]), np.array([2, 0])
     here, wanted = np.zeros(3), 1e-3 * rng.normal(size=3)
     of = Struct("drives_model", N=7, n=3, active=active)
     motion, room = np.empty(7), np.empty(lib.nearest_room(3, 2, 0, 7))
 
-    def nearest(held, gaps, wanted):
+    def nearest(fixed, gaps, wanted):
         return lib.nearest_motion(
-            *(of.pointer, 3, pointer(J_C), len(gaps), pointer(gaps), len(held), pointer(held)),
+            *(of.pointer, 3, pointer(J_C), len(gaps), pointer(gaps), len(fixed), pointer(fixed)),
             *(pointer(wanted), pointer(here), pointer(room), pointer(motion)),
         )
 
-    assert nearest(held, gaps, wanted) == lib.MOTION_SOLVED
+    assert nearest(fixed, gaps, wanted) == lib.MOTION_SOLVED
     np.testing.assert_allclose(J_C @ motion, [*-gaps, 0.0], atol=1e-12)
-    np.testing.assert_allclose(motion[active[held]], wanted[held], atol=1e-12)
-    rows = np.vstack([J_C, np.eye(7)[active[held]]])
+    np.testing.assert_allclose(motion[active[fixed]], wanted[fixed], atol=1e-12)
+    rows = np.vstack([J_C, np.eye(7)[active[fixed]]])
     np.testing.assert_allclose(np.linalg.svd(rows)[2][5:] @ motion, 0.0, atol=1e-12)
-    assert nearest(held, np.zeros(2), here) == lib.MOTION_NONE
+    assert nearest(fixed, np.zeros(2), here) == lib.MOTION_NONE
     assert nearest(np.array([3]), gaps, wanted) == lib.MOTION_INVALID
     assert nearest(np.array([-1]), gaps, wanted) == lib.MOTION_INVALID
     assert nearest(np.array([1, 1]), gaps, wanted) == lib.MOTION_INVALID
 
 
 @pytest.mark.parametrize("name", ["arm", "hand", "arms", "platform"])
-def test_a_posture_says_what_mujoco_says_at_its_joint_positions(name):
+def test_a_posture_equals_mujoco_at_its_joint_positions(name):
     model = load_model(MODELS / f"{name}.xml")
     mechanism = Mechanism(model, site="payload")
     rng, n = np.random.default_rng(5), len(mechanism.nominal.displacements)

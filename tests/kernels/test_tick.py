@@ -1,4 +1,4 @@
-"""The compiled parts of a simulated tick, against numpy and scipy over random poses."""
+"""Test the kernels of a simulated tick against numpy and scipy at random poses."""
 
 import numpy as np
 import pytest
@@ -30,23 +30,23 @@ def test_a_pose_turns_about_its_rotation_vector_and_then_shifts(angle):
 
 
 @seeds
-def test_a_step_ends_where_the_twist_of_the_missing_lengths_leads(seed):
-    """And the struts follow to second order of the step."""
+def test_a_newton_step_applies_the_twist_of_the_length_errors(seed):
+    """Check as well that the struts follow to second order of the step."""
     rng = np.random.default_rng(seed)
     bottom, top = rng.normal(size=(2, 6, 3))
     geometry, at = Hexapod(bottom - [0, 0, 5], top), pose(rng)  # struts long enough for a direction
     here = geometry.posture(at)
-    asked = here.displacement_m + 1e-6 * rng.normal(size=6)
-    twist = np.linalg.solve(here.inverse_jacobian, asked - here.displacement_m)
-    there, expected = geometry.moved(at, asked), geometry.posture(at.moved(twist))
+    requested = here.displacement_m + 1e-6 * rng.normal(size=6)
+    twist = np.linalg.solve(here.inverse_jacobian, requested - here.displacement_m)
+    there, expected = geometry.moved(at, requested), geometry.posture(at.moved(twist))
     size = np.linalg.cond(here.inverse_jacobian)
     for name in ("rotation", "translation_m", "displacement_m", "inverse_jacobian"):
         close = {"atol": 1e-15 * size, "rtol": 1e-13}
         np.testing.assert_allclose(getattr(there, name), getattr(expected, name), **close)
     change, missed = here.inverse_jacobian @ rng.normal(size=6), []
     for step in (1e-3, 1e-4):
-        asked = here.displacement_m + step * change
-        missed.append(np.abs(geometry.moved(at, asked).displacement_m - asked).max())
+        requested = here.displacement_m + step * change
+        missed.append(np.abs(geometry.moved(at, requested).displacement_m - requested).max())
     assert missed[0] / missed[1] == pytest.approx(100, rel=0.2)
 
 
@@ -67,21 +67,21 @@ def test_the_largest_gap_is_that_of_the_rows_that_count():
     owners = rng.integers(3, size=20).astype(np.int32)
     for rows in range(21):
         own = [abs(gap) for gap, owner in zip(gaps[:rows], owners, strict=False) if owner != 1]
-        found = lib.largest_gap(*map(pointer, (gaps, owners, counts)), rows)
-        assert found == max(own, default=0.0)
+        result = lib.largest_gap(*map(pointer, (gaps, owners, counts)), rows)
+        assert result == max(own, default=0.0)
 
 
 @pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])
 def test_the_largest_gap_in_its_unit_hides_none_that_is_not_finite(bad):
     gaps, units = np.random.default_rng(0).normal(size=(2, 9))
     gaps[4] += bad
-    found = lib.largest(pointer(gaps), pointer(units), 7)
-    np.testing.assert_array_equal(found, np.abs(gaps * units)[:7].max())
+    result = lib.largest(pointer(gaps), pointer(units), 7)
+    np.testing.assert_array_equal(result, np.abs(gaps * units)[:7].max())
 
 
 @pytest.mark.parametrize("mixed", [False, True], ids=["hexapod", "tendon and joint"])
-def test_a_log_has_what_the_plant_says_of_itself_at_each_tick(mixed):
-    """Also with drives of both kinds, seen from the world."""
+def test_a_log_equals_the_state_of_the_plant_at_each_tick(mixed):
+    """Check drives of both kinds, with world axes."""
     plant = started("drives") if mixed else Plant(load_model())
     sensors, period_s = TaskSensor([0], 0.0, 0.0, seed=0), plant.model.opt.timestep * 4
     bench = Bench(plant, sensors, time_s=np.arange(3.0), period_s=period_s, log_qpos=True)

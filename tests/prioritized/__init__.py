@@ -1,1 +1,1 @@
-"""The theory."""
+"""Tests of the theory."""

@@ -1,4 +1,4 @@
-"""How much a mapping multiplies errors: gains, condition numbers, and when the text says so."""
+"""Test error amplification: gains, condition numbers, and the sentences that report them."""
 
 import numpy as np
 import pytest
@@ -11,17 +11,17 @@ from tests.random_systems import failures, rows_of, systems
 
 
 def units(rng: np.random.Generator, size: int, count: int = 200) -> np.ndarray:
-    """Random directions, shape (count, size)."""
-    drawn = rng.normal(size=(count, size))
-    return drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
+    """Return random directions, shape (count, size)."""
+    sample = rng.normal(size=(count, size))
+    return sample / np.linalg.norm(sample, axis=1, keepdims=True)
 
 
 @given(st.data(), systems())
-def test_no_rates_of_unit_norm_move_the_task_faster_than_the_gain(data, drawn):
-    kin = data.draw(failures(drawn.system)).kinematics()
+def test_no_rates_of_unit_norm_move_the_task_faster_than_the_gain(data, sample):
+    kin = data.draw(failures(sample.system)).kinematics()
     major = rows_of(data, len(kin.J))
     report, Z = kin.manipulability(major), spaces.null(kin.active_constraint)
-    speeds = np.linalg.norm(units(drawn.rng, Z.shape[1]) @ (kin.J[major] @ Z).T, axis=1)
+    speeds = np.linalg.norm(units(sample.rng, Z.shape[1]) @ (kin.J[major] @ Z).T, axis=1)
     assert np.all(speeds <= report.largest_gain * (1 + 1e-9) + 1e-9)
     gains = np.linalg.svd(kin.J[major] @ Z, compute_uv=False)
     assert report.largest_gain == pytest.approx(gains.max(initial=0.0), abs=1e-9)
@@ -29,9 +29,9 @@ def test_no_rates_of_unit_norm_move_the_task_faster_than_the_gain(data, drawn):
 
 
 @given(st.data(), systems(self_motion=False))
-def test_a_servo_error_grows_by_the_amplification_at_worst(data, drawn):
-    """Rates off by 1 % of their norm, in any admissible direction, for any major velocity."""
-    kin, rng = drawn.system.kinematics(), drawn.rng
+def test_a_servo_error_grows_by_the_amplification_at_worst(data, sample):
+    """Check errors of 1 % of the rates' norm, in admissible directions, for any major velocity."""
+    kin, rng = sample.system.kinematics(), sample.rng
     major, n = rows_of(data, len(kin.J)), len(kin.active)
     mapping = kin.velocity_mapping(major, joint_weight=rng.uniform(0.5, 2, n))
     Z, v = spaces.null(kin.active_constraint), units(rng, len(major))
@@ -49,8 +49,8 @@ def test_a_servo_error_grows_by_the_amplification_at_worst(data, drawn):
 
 
 @given(st.data(), systems())
-def test_the_closure_condition_is_that_of_the_passive_columns(data, drawn):
-    system = data.draw(failures(drawn.system))
+def test_the_closure_condition_is_that_of_the_passive_columns(data, sample):
+    system = data.draw(failures(sample.system))
     kin = system.kinematics()
     moving = sorted(set(range(system.J_T.shape[1])) - {*kin.active, *system.stuck})
     sigma = np.linalg.svd(system.J_C[:, moving], compute_uv=False)
@@ -62,8 +62,8 @@ def test_the_closure_condition_is_that_of_the_passive_columns(data, drawn):
 
 
 @pytest.mark.parametrize("gain", [99.0, 101.0])
-def test_texts_say_what_is_large_and_only_that(gain):
-    """An actuator too slow by `gain`, and a loop whose second equation is weak by `gain`."""
+def test_texts_report_large_amplifications_only(gain):
+    """Check an actuator slower by `gain`, and a loop whose second equation is scaled by `gain`."""
     large = gain > 100
     slow = ConstrainedSystem(np.diag([1.0, 1.0 / gain]), None, [0, 1]).kinematics()
     mapping, report = slow.velocity_mapping([0, 1]), slow.manipulability([0, 1])

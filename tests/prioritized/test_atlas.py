@@ -1,4 +1,4 @@
-"""The failure atlas: every condition at once says what each says alone."""
+"""Test the failure atlas: every condition has the classification that it has alone."""
 
 import itertools
 
@@ -21,8 +21,8 @@ FLAGS = (
 )
 
 
-def assert_says(classes, row: int, system: ConstrainedSystem, major, secondary) -> None:
-    """One row of the atlas against the kinematics of that one condition."""
+def assert_classified(classes, row: int, system: ConstrainedSystem, major, secondary) -> None:
+    """Compare one row of the atlas with the kinematics of that condition."""
     kin = system.kinematics()
     report = kin.manipulability(major)
     for flag in FLAGS:
@@ -49,7 +49,7 @@ def assert_says(classes, row: int, system: ConstrainedSystem, major, secondary) 
 
 
 def assert_limited(classes, row: int, system: ConstrainedSystem, major, rates, torques) -> None:
-    """Worst speed and force of one row of an atlas against the sets of that condition."""
+    """Compare worst speed and force of one row with the attainable sets of that condition."""
     kin = system.kinematics()
     speed, force = kin.attainable(major, rates).radius, kin.attainable_force(major, torques).radius
     np.testing.assert_allclose(classes.worst_speed[row], speed, rtol=1e-7, atol=1e-9)
@@ -58,25 +58,25 @@ def assert_limited(classes, row: int, system: ConstrainedSystem, major, rates, t
 
 
 def rigid(system: ConstrainedSystem) -> ConstrainedSystem:
-    """Without its springs."""
+    """Return the system without springs."""
     known = system.failures
     made = ConstrainedSystem(system.J_T, system.J_C, system.active)
     return made.with_failures(known.locked, known.free, known.locked_passive)
 
 
-def conditions_alone(data, drawn, count: int | None) -> None:
-    """Redundant rows, self-motion, springs, failures already there, any limits: row by row."""
-    system, n = drawn.system, len(drawn.system.active)
+def conditions_alone(data, sample, count: int | None) -> None:
+    """Compare row by row: redundant rows, self-motion, springs, existing failures, any limits."""
+    system, n = sample.system, len(sample.system.active)
     elastic = data.draw(st.booleans())
     if elastic:
-        R = data.draw(springs(system.J_T.shape[1], drawn.rng))
+        R = data.draw(springs(system.J_T.shape[1], sample.rng))
         system = with_stiffness(system, R.T @ R)
     if data.draw(st.booleans()):
         system = data.draw(failures(system))
     m = len(system.J_T)
     major = rows_of(data, m)
     secondary = sorted(set(range(m)) - set(major))
-    codes = None if count is None else drawn.rng.integers(0, 3, size=(count, n))
+    codes = None if count is None else sample.rng.integers(0, 3, size=(count, n))
     rates, torques = (data.draw(pairs(n)), data.draw(pairs(n))) if len(major) <= 3 else (None, None)
     atlas = failure_atlas(system, major, None, codes, rate_limits=rates, torque_limits=torques)
     if codes is None:
@@ -88,25 +88,25 @@ def conditions_alone(data, drawn, count: int | None) -> None:
         for classes, of in ((atlas, rigid(system)), (atlas.elastic, system)):
             if classes is not None:
                 condition = of.with_failures(*failed)
-                assert_says(classes, row, condition, major, secondary)
+                assert_classified(classes, row, condition, major, secondary)
                 if len(major) <= 3:
                     assert_limited(classes, row, condition, major, rates, torques)
 
 
 @given(st.data(), systems(actives=(1, 3), tasks=(1, 3)))
-def test_some_conditions_have_the_verdicts_and_speeds_they_have_alone(data, drawn):
-    conditions_alone(data, drawn, 3)
+def test_some_conditions_have_the_classification_they_have_alone(data, sample):
+    conditions_alone(data, sample, 3)
 
 
 @pytest.mark.long
 @given(st.data(), systems())
-def test_every_condition_has_the_verdicts_and_speeds_it_has_alone(data, drawn):
-    conditions_alone(data, drawn, None)
+def test_every_condition_has_the_classification_it_has_alone(data, sample):
+    conditions_alone(data, sample, None)
 
 
 @given(SEEDS, st.integers(1, 4))
 def test_directions_are_as_good_as_rows(seed, m1):
-    """The task turned, the major directions with it: the same mechanism, the same atlas."""
+    """Check that a task rotated together with its major directions has the same atlas."""
     rng = np.random.default_rng(seed)
     J_T, J_C = rng.normal(size=(4, 5)), rng.normal(size=(3, 5))
     turn = np.linalg.qr(rng.normal(size=(4, 4)))[0]
@@ -119,7 +119,7 @@ def test_directions_are_as_good_as_rows(seed, m1):
 
 
 def test_an_arm_of_twelve_joints_needs_a_list():
-    """3^12 conditions do not fit; those of single locks do."""
+    """Check that 3^12 conditions are refused and single locks are not."""
     arm = ConstrainedSystem(np.random.default_rng(0).normal(size=(3, 12)), None, range(12))
     with pytest.raises(ValueError, match="codes must be given for more than 10 actuators"):
         failure_atlas(arm, [0])
@@ -133,7 +133,7 @@ def test_an_arm_of_twelve_joints_needs_a_list():
 
 @given(SEEDS)
 def test_each_condition_may_have_limits_of_its_own(seed):
-    """All at once, in parts as large conditions are, or one by one."""
+    """Compare all conditions at once, in blocks, with one after the other."""
     rng = np.random.default_rng(seed)
     arm, codes = (
         ConstrainedSystem(rng.normal(size=(2, 4)), None, range(4)),
@@ -149,12 +149,12 @@ def test_each_condition_may_have_limits_of_its_own(seed):
         one = failure_atlas(arm, [0, 1], codes=[code], rate_limits=limits, torque_limits=limits)
         for name in ("worst_speed", "worst_force"):
             for many in (both, parts):
-                found = getattr(many, name)[row]
-                np.testing.assert_allclose(found, getattr(one, name)[0], rtol=1e-9)
+                result = getattr(many, name)[row]
+                np.testing.assert_allclose(result, getattr(one, name)[0], rtol=1e-9)
 
 
 def test_the_limits_of_failed_actuators_do_not_matter():
-    """A failed joint does not move and exerts nothing, even if its limits demand that it does."""
+    """Check limits that require motion or force of a failed joint, which has none."""
     arm, limits = ConstrainedSystem(np.eye(2), None, [0, 1]), ([0.25, -1], [1, 1])
     atlas = failure_atlas(
         arm, [1], codes=[[0, 0], [1, 0]], rate_limits=limits, torque_limits=limits
@@ -165,7 +165,7 @@ def test_the_limits_of_failed_actuators_do_not_matter():
 
 
 def test_a_task_without_rows_has_no_worst_speed():
-    """As its attainable set has no radius."""
+    """Compare with the radius of the attainable set."""
     arm = ConstrainedSystem(np.eye(2), None, [0, 1])
     speed = failure_atlas(arm, [], rate_limits=(-1, 1)).worst_speed
     assert speed is not None and np.isposinf(speed).all()
@@ -173,13 +173,13 @@ def test_a_task_without_rows_has_no_worst_speed():
 
 
 @given(SEEDS)
-def test_one_motor_moves_the_task_at_its_gain_however_soft_the_springs(seed):
-    """Soft springs let passive joints move fast; that round-off is no constraint on the motor."""
+def test_one_motor_moves_the_task_at_its_gain_with_soft_springs(seed):
+    """Check that round-off of fast passive joints on soft springs does not constrain the motor."""
     rng = np.random.default_rng(seed)
     J_T, J_C = rng.normal(size=(1, 6)), rng.normal(size=(3, 6))
     free = spaces.null(np.vstack([J_C, np.eye(6)[5]])).T
-    beside = spaces.null(free) @ rng.normal(size=4)
-    R = np.vstack([rng.normal(size=6), 1.5e-3 * free[1] + beside])
+    combined = spaces.null(free) @ rng.normal(size=4)
+    R = np.vstack([rng.normal(size=6), 1.5e-3 * free[1] + combined])
     system = ConstrainedSystem(J_T, J_C, [5], stiffness=R.T @ R)
     classes = failure_atlas(system, [0], codes=[[0]], rate_limits=(-1, 1)).elastic
     assert classes is not None and classes.worst_speed is not None
@@ -195,14 +195,14 @@ COILS_N = (-80.0, 80.0)
 
 @pytest.fixture(scope="module")
 def sprung(hexapod, model) -> ConstrainedSystem:
-    """With springs on the struts alone."""
+    """Return the hexapod with springs on the struts alone."""
     K = np.zeros(hexapod.J_T.shape[1])
     K[hexapod.active] = model.actuator_gainprm[:, 0]
     return with_stiffness(hexapod, np.diag(K))
 
 
-def test_54_of_the_729_conditions_of_the_hexapod_can_still_point(hexapod):
-    """A released strut gives way under the payload, so only the 64 sets of locks are in question.
+def test_the_hexapod_can_point_in_54_of_729_conditions(hexapod):
+    """Check the 64 sets of locks: with any free strut the payload is not controlled.
 
     Of these 10 leave fewer than two independent pointing directions: 1 with no strut left, 6 with
     one, and 3 with two struts that push the same way, an antipodal pair.
@@ -226,8 +226,8 @@ def test_54_of_the_729_conditions_of_the_hexapod_can_still_point(hexapod):
     np.testing.assert_array_equal(atlas.secondary_rank[possible], 4 - locks[possible])
 
 
-def test_springs_on_the_struts_alone_hold_free_struts_as_locks_would(sprung):
-    """A pointing hexapod needs two healthy struts that are no antipodal pair, and nothing else.
+def test_springs_on_the_struts_act_as_locks_on_free_struts(sprung):
+    """Check that pointing requires exactly two healthy struts that are not antipodal.
 
     Of 729 conditions 64 have no healthy strut, 6 x 32 have one, 3 x 16 just an antipodal pair.
     """
@@ -239,7 +239,7 @@ def test_springs_on_the_struts_alone_hold_free_struts_as_locks_would(sprung):
 
 
 def test_the_hexapod_points_three_quarters_as_far_with_a_strut_locked(sprung):
-    """And half as far with two. The struts turn the payload about three axes, 60 degrees apart.
+    """Check as well half as far with two: struts rotate the payload about three axes at 60 degrees.
 
     The worst direction is across one of these axes: the other four struts share it equally, of
     which one or two are lost.

@@ -1,4 +1,4 @@
-"""Attainable sets: what limits of rates and torques leave of the major task."""
+"""Test attainable sets of the major task within limits of rates and torques."""
 
 import itertools
 
@@ -16,7 +16,7 @@ from tests.random_systems import failures, pairs, rows_of, systems
 
 
 def largest(d, equalities, x_of, limits) -> float:
-    """Largest d @ x of x with equalities @ x = 0 and limits on x_of @ x, by linear programming.
+    """Return the largest d @ x with equalities @ x = 0 and limits on x_of @ x, by linprog.
 
     Infinite if it has no bound, minus infinity if there is no such x.
     """
@@ -25,31 +25,31 @@ def largest(d, equalities, x_of, limits) -> float:
     room = np.concatenate([upper[np.isfinite(upper)], -lower[np.isfinite(lower)]])
     none = np.zeros(len(equalities))
     for goal in (1.0, 0.0):  # the solver may not tell unbounded from infeasible
-        found = linprog(-goal * d, rows, room, equalities, none, bounds=[(None, None)] * len(d))
-        if found.status == 0:
-            return -found.fun if goal else np.inf
+        result = linprog(-goal * d, rows, room, equalities, none, bounds=[(None, None)] * len(d))
+        if result.status == 0:
+            return -result.fun if goal else np.inf
     return -np.inf
 
 
 def directions(rng: np.random.Generator, m1: int, count: int = 10) -> np.ndarray:
-    """Some along axes, some anywhere."""
+    """Return some directions along axes, and some random ones."""
     return np.vstack([rng.normal(size=(count, m1)), np.eye(m1), -np.eye(m1)])
 
 
 @pytest.mark.parametrize("of", ["velocities", "forces"])
 @given(st.data(), systems(actives=(1, 4), tasks=(1, 4)))
-def test_the_support_is_the_optimum_over_all_motions_or_equilibria(of, data, drawn):
-    """Linear programs: all N velocities that close the loops; forces on all joints, eq. (5)."""
+def test_the_support_is_the_optimum_over_all_motions_or_equilibria(of, data, sample):
+    """Compare with linear programs in all N velocities, or forces on all joints, eq. (5)."""
     rates = of == "velocities"
     system, N, m = (
-        data.draw(failures(drawn.system)),
-        drawn.system.J_T.shape[1],
-        len(drawn.system.J_T),
+        data.draw(failures(sample.system)),
+        sample.system.J_T.shape[1],
+        len(sample.system.J_T),
     )
     major, limits = rows_of(data, m), data.draw(pairs(len(system.active)))
     kin, stuck = system.kinematics(), spaces.stuck_joints(system)
     survivors = tuple(limit[kin.actuators] for limit in limits)
-    D = drawn.rng.permutation(directions(drawn.rng, len(major), 3))[:2]
+    D = sample.rng.permutation(directions(sample.rng, len(major), 3))[:2]
     if rates:
         # xi of eq. (10) is nobody's to command.
         closed = np.vstack([system.J_C, np.eye(N)[stuck], spaces.self_motions(system, kin).T])
@@ -64,25 +64,25 @@ def test_the_support_is_the_optimum_over_all_motions_or_equilibria(of, data, dra
 
 
 def basic_points(a: Attainable) -> np.ndarray:
-    """G x of every basic solution: some x at limits, the others as the constraints say."""
+    """Return G x of every basic solution: some x at limits, the others given by the constraints."""
     C = a.constraint
     r, n = C.shape
     points = []
     for basic in map(list, itertools.combinations(range(n), r)):
-        rest = [i for i in range(n) if i not in basic]
+        others = [i for i in range(n) if i not in basic]
         if r and np.linalg.svd(C[:, basic], compute_uv=False)[-1] < 1e-9:
             continue
-        for corner in itertools.product(*((a.lower[i], a.upper[i]) for i in rest)):
+        for corner in itertools.product(*((a.lower[i], a.upper[i]) for i in others)):
             x = np.zeros(n)
-            x[rest] = corner
-            x[basic] = np.linalg.solve(C[:, basic], -C[:, rest] @ corner)
+            x[others] = corner
+            x[basic] = np.linalg.solve(C[:, basic], -C[:, others] @ corner)
             if (x >= a.lower - 1e-9).all() and (x <= a.upper + 1e-9).all():
                 points.append(a.gain @ x)
     return np.array(points).reshape(-1, len(a.gain))
 
 
 def radius_of(points: np.ndarray) -> float:
-    """Of the largest ball about zero in the hull of points."""
+    """Return the radius of the largest ball about zero in the hull of points."""
     m1 = points.shape[1]
     flat = len(points) <= m1 or np.linalg.svd(points - points[0], compute_uv=False)[m1 - 1] < 1e-8
     if flat:
@@ -93,11 +93,11 @@ def radius_of(points: np.ndarray) -> float:
 
 
 @given(st.data(), systems(actives=(1, 4), tasks=(1, 3), self_motion=False))
-def test_the_radius_is_that_of_the_hull_of_all_extreme_motions(data, drawn):
-    """Every corner of the set is an extreme motion, and in each direction a corner is farthest."""
-    n, m = len(drawn.system.active), len(drawn.system.J_T)
+def test_the_radius_is_that_of_the_hull_of_all_extreme_motions(data, sample):
+    """Check as well that every corner is an extreme motion, and the farthest in some direction."""
+    n, m = len(sample.system.active), len(sample.system.J_T)
     major, limits = rows_of(data, m), data.draw(pairs(n, infinite=False))
-    a = drawn.system.kinematics().attainable(major, limits)
+    a = sample.system.kinematics().attainable(major, limits)
     points = basic_points(a)
     assert (a.status is AttainableStatus.EMPTY) == (len(points) == 0)
     assert (a.status is AttainableStatus.INTERIOR) == (a.radius > 0)
@@ -107,7 +107,7 @@ def test_the_radius_is_that_of_the_hull_of_all_extreme_motions(data, drawn):
     expected = radius_of(points)
     np.testing.assert_allclose(a.radius, expected, atol=1e-8)
     assert (a.radius > 0) == (expected > 1e-8)  # round-off is no room
-    D = directions(drawn.rng, len(major), 30)
+    D = directions(sample.rng, len(major), 30)
     if a.status is AttainableStatus.INTERIOR:
         np.testing.assert_allclose((a.vertices @ D.T).max(axis=0), a.support(D), atol=1e-8)
     for corner in a.vertices:
@@ -124,11 +124,11 @@ def test_a_set_grows_with_its_limits(unit):
 
 
 @given(st.data(), systems(actives=(1, 4), tasks=(1, 3)))
-def test_no_limits_are_limits_that_are_wide_enough(data, drawn):
-    """An infinite limit is the end of wider and wider ones, for velocities and for forces."""
-    n, m = len(drawn.system.active), len(drawn.system.J_T)
+def test_no_limits_are_limits_that_are_wide_enough(data, sample):
+    """Compare infinite limits with increasing ones, for velocities and forces."""
+    n, m = len(sample.system.active), len(sample.system.J_T)
     major, (lower, upper) = rows_of(data, m), data.draw(pairs(n))
-    kin = drawn.system.kinematics()
+    kin = sample.system.kinematics()
     wide, wider = ((np.clip(lower, -far, None), np.clip(upper, None, far)) for far in (1e5, 1e6))
     for attainable in (kin.attainable, kin.attainable_force):
         endless, ended = attainable(major, (lower, upper)), attainable(major, wide)
@@ -158,7 +158,7 @@ def arm() -> ConstrainedSystem:
 
 
 def geared() -> ConstrainedSystem:
-    """Two motors on one shaft, turning against each other: their rates add to zero."""
+    """Return two motors on one shaft in opposite directions: their rates add to zero."""
     return ConstrainedSystem([[1.0, 0.0]], [[1.0, 1.0]], [0, 1])
 
 
@@ -171,7 +171,7 @@ def assert_set(a, status: AttainableStatus, radius: float, support, direction=(1
 
 @given(st.floats(-9.0, 0.0))
 def test_the_speed_of_an_arm_falls_to_zero_as_it_stretches_out(exponent):
-    """A parallelogram's height; at the singularity itself the direction is out of reach."""
+    """Compare with a parallelogram's height; at the singularity the direction is unreachable."""
     bend = 10.0**exponent
     tip = np.array([1 + np.cos(bend), np.sin(bend)])
     elbow = np.array([np.cos(bend), np.sin(bend)])
@@ -181,12 +181,12 @@ def test_the_speed_of_an_arm_falls_to_zero_as_it_stretches_out(exponent):
     np.testing.assert_allclose(a.radius, np.sin(bend) / np.linalg.norm(tip), rtol=1e-5)
     assert len(a.vertices) == 4 or bend < 1e-8
     straight = ConstrainedSystem([[0, 0], [2, 1]], None, [0, 1]).kinematics()
-    assert straight.attainable([0, 1], (-1, 1)).status is AttainableStatus.OUT_OF_REACH
+    assert straight.attainable([0, 1], (-1, 1)).status is AttainableStatus.UNREACHABLE
 
 
 @given(st.floats(-8.5, -1.0))
 def test_rates_without_limits_do_not_hide_the_limit_of_a_slow_one(exponent):
-    """A limited motor turns two others, which have no limits, 1/ratio times as fast as itself.
+    """Check a limited motor that drives two unlimited ones at 1/ratio times its own rate.
 
     Their columns of the constraint are then nearly parallel.
     """
@@ -198,17 +198,17 @@ def test_rates_without_limits_do_not_hide_the_limit_of_a_slow_one(exponent):
     np.testing.assert_allclose([a.radius, *a.support([[1], [-1]])], expected, rtol=1e-6)
 
 
-def test_the_status_says_why_the_radius_is_zero():
-    """Out of reach, no room about zero, a contradiction, or a task that moves by itself."""
+def test_the_status_explains_a_zero_radius():
+    """Check unreachable directions, limits that exclude zero, contradictions, and self-motion."""
     status, kin, pair = AttainableStatus, arm().kinematics(), geared().kinematics()
     locked = kin.attainable([0, 1], ([-1, 0], [1, 0]))
-    assert_set(locked, status.OUT_OF_REACH, 0.0, 1.0, [1, 5])
+    assert_set(locked, status.UNREACHABLE, 0.0, 1.0, [1, 5])
     np.testing.assert_allclose(sorted(locked.vertices.tolist()), [[-1, 0], [1, 0]], atol=1e-12)
     assert_set(kin.attainable([0, 1], (0, 1)), status.NOT_INTERIOR, 0.0, 2.0, [1, 1])
     assert_set(kin.attainable([0, 1], (1, 2)), status.NOT_INTERIOR, 0.0, -2.0, [-1, -1])
     assert_set(pair.attainable([0], (1, 2)), status.EMPTY, 0.0, -np.inf)
     assert_set(pair.attainable([0], ([1, 1], [1, 1])), status.EMPTY, 0.0, -np.inf)
-    assert_set(pair.attainable([0], ([1, -1], [1, -1])), status.OUT_OF_REACH, 0.0, 1.0)
+    assert_set(pair.attainable([0], ([1, -1], [1, -1])), status.UNREACHABLE, 0.0, 1.0)
     # Both may only push, against each other: nothing moves, though each limit alone leaves room.
     assert_set(pair.attainable([0], (0, 1)), status.NOT_INTERIOR, 0.0, 0.0)
     assert len(pair.attainable([0], (1, 2)).vertices) == 0
@@ -218,24 +218,24 @@ def test_the_status_says_why_the_radius_is_zero():
     assert len(flat.vertices) == 0
     loose = ConstrainedSystem([[1.0, 1.0]], None, [0])
     assert_set(loose.kinematics().attainable([0], (-1, 1)), status.SELF_MOTION, 0.0, 1.0)
-    assert_set(loose.kinematics().attainable_force([0], (-1, 1)), status.OUT_OF_REACH, 0.0, 0.0)
+    assert_set(loose.kinematics().attainable_force([0], (-1, 1)), status.UNREACHABLE, 0.0, 0.0)
 
 
-def test_what_the_structure_bears_has_no_limit():
-    """A crane whose slewing is locked: any moment about the mast, without a torque."""
+def test_forces_borne_by_the_structure_are_unlimited():
+    """Check a crane with locked slewing: it bears any moment about the mast without torque."""
     locked = arm().with_failures(locked=[0]).kinematics()
-    held = locked.attainable_force([0, 1], (-1, 1))
-    assert_set(held, AttainableStatus.INTERIOR, 1.0, np.inf, [1, 0])
-    assert held.support([0, 1]) == pytest.approx(1.0)
-    assert not held.bounded
-    assert "no limit" in str(held)
-    assert not held.vertices.size
+    fixed = locked.attainable_force([0, 1], (-1, 1))
+    assert_set(fixed, AttainableStatus.INTERIOR, 1.0, np.inf, [1, 0])
+    assert fixed.support([0, 1]) == pytest.approx(1.0)
+    assert not fixed.bounded
+    assert "no limit" in str(fixed)
+    assert not fixed.vertices.size
     assert arm().kinematics().attainable([0, 1]).radius == np.inf
     assert arm().kinematics().attainable([0, 1], (-1, 1)).bounded
 
 
-def test_a_task_of_too_many_facets_is_refused_at_once():
-    """40 joints and 6 rows: 658008 sets of five joints, each a candidate for a facet."""
+def test_a_task_of_too_many_facets_raises_immediately():
+    """Check 40 joints and 6 rows: 658008 sets of five joints, each a candidate for a facet."""
     arm = ConstrainedSystem(np.random.default_rng(0).normal(size=(6, 40)), None, range(40))
     with pytest.raises(ValueError, match="major must leave at most 100000 sets of actuators"):
         arm.kinematics().attainable(range(6), (-1, 1))

@@ -1,4 +1,4 @@
-"""Loops without an SVD where ranks are clear: verdicts and motions stay those of the SVD."""
+"""Test loops that are eliminated without an SVD: results equal those of the SVD."""
 
 from unittest.mock import patch
 
@@ -14,29 +14,29 @@ from tests.random_systems import SEEDS, failures, orthogonal, rows_of, systems
 
 
 def eliminates_without_svd(kin):
-    """Whether the loops are found regular without a singular value decomposition."""
+    """Return whether the loops are certified regular without a singular value decomposition."""
     with patch.object(elimination, "whole_svd", wraps=elimination.whole_svd) as svd:
         assert kin.J.ndim == 2
     return not svd.called
 
 
 def with_a_row_of_zeros(system):
-    """The same mechanism: J_Cp is not square any more."""
+    """Return the same mechanism with a non-square J_Cp."""
     J_C = np.vstack([system.J_C, np.zeros((1, system.J_C.shape[1]))])
     return system.at(J_C=J_C)
 
 
 @given(st.data(), systems())
-def test_a_row_of_zeros_changes_no_motion_and_no_verdict(data, drawn):
-    """However many rows say the same: one mechanism."""
-    system = data.draw(failures(drawn.system))
+def test_a_row_of_zeros_changes_no_motion_and_no_classification(data, sample):
+    """Compare the mechanism with itself with redundant rows."""
+    system = data.draw(failures(sample.system))
     kin, more = system.kinematics(), with_a_row_of_zeros(system).kinematics()
     np.testing.assert_allclose(kin.J, more.J, atol=1e-9)
     np.testing.assert_allclose(kin.passive_gain, more.passive_gain, atol=1e-9)
     spaces.assert_same(kin.self_motion, more.self_motion, 1e-9)
     forbidden = kin.active_constraint, more.active_constraint
     np.testing.assert_allclose(*(rows.T @ rows for rows in forbidden), atol=1e-9)
-    f = drawn.rng.normal(size=len(kin.J))
+    f = sample.rng.normal(size=len(kin.J))
     c, forces = len(system.J_C), (kin.constraint_force(f), more.constraint_force(f))
     np.testing.assert_allclose(forces[0], np.delete(forces[1], c), atol=1e-9)
     major = rows_of(data, len(kin.J))
@@ -49,7 +49,7 @@ def test_a_row_of_zeros_changes_no_motion_and_no_verdict(data, drawn):
 
 @given(SEEDS, st.floats(0, 18), st.integers(1, 12), st.integers(1, 3), st.floats(-6, 6))
 def test_loops_are_eliminated_without_svd_only_if_they_are_regular(seed, nearness, p, n, unit):
-    """The loops lose a direction bit by bit, in any units; verdict and motion stay the SVD's."""
+    """Check loops that gradually lose a direction, in any units, against the SVD."""
     rng = np.random.default_rng(seed)
     sigma = np.append(rng.uniform(0.5, 2.0, size=p - 1), 10.0**-nearness)
     J_C = rng.normal(size=(p, n + p))
@@ -73,7 +73,7 @@ def test_loops_are_eliminated_without_svd_only_if_they_are_regular(seed, nearnes
 
 @given(SEEDS, st.integers(1, 20), st.integers(1, 4), st.floats(0.05, 0.9))
 def test_loops_that_share_few_joints_move_as_dense_ones_do(seed, p, n, share):
-    """Passive rates by LAPACK, whichever joints each loop has."""
+    """Compare passive rates with LAPACK for sparse loops."""
     rng = np.random.default_rng(seed)
     J_C = rng.normal(size=(p, n + p)) * (rng.random((p, n + p)) < share)
     J_C[np.arange(p), n + rng.permutation(p)] += 4.0

@@ -1,4 +1,4 @@
-"""Section 2.3: failures rebuild the model; here it is rebuilt by hand and compared."""
+"""Test failures, section 2.3, against a model that is rebuilt explicitly."""
 
 import numpy as np
 from hypothesis import given
@@ -10,7 +10,7 @@ from tests.random_systems import SEEDS, failures, systems
 
 
 def assert_same_mechanism(one: Kinematics, two: Kinematics, atol: float = 1e-7) -> None:
-    """Equal Jacobian on admissible rates, equal spaces; bases may be turned in themselves."""
+    """Assert equal Jacobians on admissible rates, and equal spaces up to the choice of basis."""
     np.testing.assert_array_equal(one.active, two.active)
     np.testing.assert_array_equal(one.passive, two.passive)
     Z = spaces.null(one.active_constraint)
@@ -27,9 +27,9 @@ def assert_same_mechanism(one: Kinematics, two: Kinematics, atol: float = 1e-7) 
 
 
 @given(st.data(), systems())
-def test_a_mixture_of_failures_is_the_printed_model_with_unit_rows(data, drawn):
-    """Section 2.3.2: E under J_C for what is stuck, and all that failed among the passive."""
-    failed = data.draw(failures(drawn.system))
+def test_a_mixture_of_failures_is_the_printed_model_with_unit_rows(data, sample):
+    """Compare with section 2.3.2: E below J_C for stuck joints, failed ones among the passive."""
+    failed = data.draw(failures(sample.system))
     gone = sorted(failed.failures.locked | failed.failures.free)
     left = np.delete(failed.active, gone)
     printed = ConstrainedSystem(failed.J_T, spaces.closure(failed), left)
@@ -42,39 +42,41 @@ def test_a_mixture_of_failures_is_the_printed_model_with_unit_rows(data, drawn):
 
 
 @given(st.data(), systems(actives=(2, 4)))
-def test_failures_come_in_any_order_and_may_be_told_twice(data, drawn):
-    """One by one, repeated and shuffled, or all at once: the same broken mechanism."""
-    at_once = data.draw(failures(drawn.system))
+def test_failures_commute_and_may_be_repeated(data, sample):
+    """Compare failures one by one, repeated and shuffled, with all at once."""
+    at_once = data.draw(failures(sample.system))
     broken = at_once.failures
     events = [{"locked": [k]} for k in broken.locked] + [{"free": [k]} for k in broken.free]
     events += [{"locked_passive": [k]} for k in broken.locked_passive]
     # A released actuator that jams later, or is reported released after it jammed, is locked.
     events += [{"free": [k]} for k in data.draw(st.sets(st.sampled_from([*broken.locked, -1])))]
     events = [event for event in events if event != {"free": [-1]}]
-    system = drawn.system
+    system = sample.system
     for event in data.draw(st.permutations(events + events)):
         system = system.with_failures(**event)
     assert system.failures == broken
     np.testing.assert_array_equal(system.kinematics().J, at_once.kinematics().J)
-    assert not drawn.system.failures.locked  # the healthy one stays as it was
+    assert not sample.system.failures.locked  # the healthy one stays as it was
 
 
 @given(st.data(), systems(actives=(2, 4)), st.booleans(), st.booleans())
-def test_what_is_given_for_all_actuators_is_cut_to_the_survivors(data, drawn, square, tie_square):
-    """A controller keeps its weights when an actuator fails: those of the failed have no say."""
-    system, n = data.draw(failures(drawn.system)), len(drawn.system.active)
-    kin, rng = system.kinematics(), drawn.rng
+def test_arguments_for_all_actuators_are_restricted_to_the_survivors(
+    data, sample, square, tie_square
+):
+    """Check that weights of failed actuators have no effect."""
+    system, n = data.draw(failures(sample.system)), len(sample.system.active)
+    kin, rng = system.kinematics(), sample.rng
     W, T = (rng.uniform(0.5, 2.0, size=(n, n) if each else n) for each in (square, tie_square))
     limits, R = (-rng.uniform(0.1, 1, n), rng.uniform(0.1, 1, n)), rng.normal(size=(1, n))
     left = kin.actuators
     cut = W[..., left], T[..., left], (limits[0][left], limits[1][left]), R[:, left]
-    found = []
+    result = []
     for weight, metric, box, rows in ((W, T, limits, R), cut):
         levels = [Task([0]), Task.joints(weight)]
         bounds = {"rate_limits": box, "rate_rows": (rows, -0.1, 0.1)}
         hierarchy = kin.hierarchy(levels, tie_metric=metric, **bounds)
         limited = kin.velocity_mapping([0], None, weight, tie_metric=metric, **bounds)
-        found.append(
+        result.append(
             [
                 kin.velocity_mapping([0], None, weight, tie_metric=metric).major,
                 kin.force_mapping([0], None, weight, tie_metric=metric).major,
@@ -82,14 +84,14 @@ def test_what_is_given_for_all_actuators_is_cut_to_the_survivors(data, drawn, sq
                 hierarchy.solve([[1.0], None]).rates,
             ]
         )
-    for wide, narrow in zip(*found, strict=True):
+    for wide, narrow in zip(*result, strict=True):
         np.testing.assert_array_equal(wide, narrow)
     everyone = kin.expand(np.arange(1.0, n + 1)[left])
     np.testing.assert_array_equal(np.flatnonzero(everyone), left)
 
 
 def four_bar(angles: np.ndarray, lengths: np.ndarray) -> ConstrainedSystem:
-    """A planar loop of four hinges, motors on the first two; the task is the coupler's twist.
+    """Return a planar loop of four hinges, two with motors; the task is the coupler's twist.
 
     The last bar is the ground: the sum of all hinge twists about the fixed origin is zero.
     """
@@ -102,8 +104,8 @@ def four_bar(angles: np.ndarray, lengths: np.ndarray) -> ConstrainedSystem:
 
 
 @given(SEEDS, st.integers(0, 1))
-def test_a_locked_four_bar_stops_where_a_column_less_would_move(seed, locked):
-    """One loop, one freedom, two motors: one locked, all is locked; the paper's closing warning."""
+def test_a_locked_four_bar_linkage_cannot_move(seed, locked):
+    """Check the paper's closing warning: with one of two motors locked, the loop cannot move."""
     rng = np.random.default_rng(seed)
     system = four_bar(rng.uniform(0.3, 1.2, size=3), rng.uniform(0.5, 2.0, size=3))
     healthy = system.kinematics()

@@ -1,4 +1,4 @@
-"""Laws of the force mapping, Problem 6, with internal forces and self-motion."""
+"""Test the force mapping, Problem 6, with internal forces and self-motion."""
 
 import numpy as np
 from hypothesis import given
@@ -11,7 +11,7 @@ from tests.random_systems import (
     SEEDS,
     as_matrix,
     failures,
-    major_and_rest,
+    major_and_secondary,
     of_rank,
     systems,
     weights,
@@ -20,7 +20,7 @@ from tests.random_systems import (
 
 @given(SEEDS, st.integers(1, 3), st.integers(1, 4), st.integers(0, 3))
 def test_theorems_7_8_and_9_are_special_cases(seed, m1, m2, extra):
-    """Without self-motion and internal force the torques are those of the paper."""
+    """Compare with the paper's torques without self-motion and internal force."""
     n = m2 + extra
     rng = np.random.default_rng(seed)
     J_m, J_s = rng.normal(size=(m1, n)), of_rank(rng, m2, n, m2)
@@ -44,21 +44,21 @@ def test_theorems_7_8_and_9_are_special_cases(seed, m1, m2, extra):
 
 
 @given(st.data(), systems())
-def test_torques_are_the_lexicographic_optimum_over_all_forces(data, drawn):
-    """Against eqs. (8) and (9) with every constraint force unknown; nothing is eliminated."""
-    system = data.draw(failures(drawn.system))
+def test_torques_are_the_lexicographic_optimum_over_all_forces(data, sample):
+    """Compare with eqs. (8) and (9) for all constraint forces, without elimination."""
+    system = data.draw(failures(sample.system))
     kin = system.kinematics()
-    rng, m, n = drawn.rng, len(system.J_T), len(kin.active)
-    major, rest = major_and_rest(data, m)
-    m1, m2 = len(major), len(rest)
+    rng, m, n = sample.rng, len(system.J_T), len(kin.active)
+    major, others = major_and_secondary(data, m)
+    m1, m2 = len(major), len(others)
     W3, W4 = data.draw(weights(n, rng)), data.draw(weights(m2, rng))
     T, M = data.draw(weights(n, rng)), of_rank(rng, m1 + 1, m1, m1)
     mapping = kin.force_mapping(major, None, W3, W4, major_metric=M, tie_metric=T)
-    aims = rng.normal(size=m1), rng.normal(size=n), rng.normal(size=m2)
-    torques, f_s = mapping(*aims), mapping.secondary_force(*aims)
+    targets = rng.normal(size=m1), rng.normal(size=n), rng.normal(size=m2)
+    torques, f_s = mapping(*targets), mapping.secondary_force(*targets)
     f = np.empty(m)
-    f[major], f[rest] = aims[0] - mapping.residual(aims[0]), f_s
-    by_eq_16 = kin.J.T @ f + kin.active_constraint.T @ mapping.internal_force(*aims)
+    f[major], f[others] = targets[0] - mapping.residual(targets[0]), f_s
+    by_eq_16 = kin.J.T @ f + kin.active_constraint.T @ mapping.internal_force(*targets)
     np.testing.assert_allclose(torques, by_eq_16, atol=1e-9)
     # Nothing holds self-motion: forces do no work on it, and some major forces are out of reach.
     np.testing.assert_allclose((system.J_T @ spaces.self_motions(system, kin)).T @ f, 0, atol=1e-9)
@@ -71,16 +71,16 @@ def test_torques_are_the_lexicographic_optimum_over_all_forces(data, drawn):
     balance = np.vstack([system.J_T, system.J_C]).T
     to_torques, to_f = balance[kin.active], np.eye(balance.shape[1])
     W3, W4, T = as_matrix(W3, n), as_matrix(W4, m2), as_matrix(T, n)
-    weighted = np.vstack([W3 @ to_torques, W4 @ to_f[rest]])
+    weighted = np.vstack([W3 @ to_torques, W4 @ to_f[others]])
     levels = [
-        (M @ to_f[major], M @ aims[0]),
-        (weighted, np.concatenate([W3 @ aims[1], W4 @ aims[2]])),
+        (M @ to_f[major], M @ targets[0]),
+        (weighted, np.concatenate([W3 @ targets[1], W4 @ targets[2]])),
         (T @ to_torques, np.zeros(len(T))),
         (to_torques, np.zeros(n)),
-        (to_f[rest], np.zeros(m2)),
+        (to_f[others], np.zeros(m2)),
     ]
     best = spaces.dense_lexicographic(balance[bearing], levels)
     # The mechanisms are well conditioned up to their chance sub-blocks: 1e-6 leaves these room.
     np.testing.assert_allclose(torques, to_torques @ best, atol=1e-6)
-    np.testing.assert_allclose(f_s, best[rest], atol=1e-6)
-    np.testing.assert_allclose(mapping.residual(aims[0]), aims[0] - best[major], atol=1e-6)
+    np.testing.assert_allclose(f_s, best[others], atol=1e-6)
+    np.testing.assert_allclose(mapping.residual(targets[0]), targets[0] - best[major], atol=1e-6)

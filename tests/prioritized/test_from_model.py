@@ -1,4 +1,4 @@
-"""A system from whatever has the attributes of a linearized model."""
+"""Test systems constructed from objects with the attributes of a linearized model."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -11,12 +11,12 @@ from prioritized._mechanism.names import Names
 
 
 def linearized(**others: Any) -> Any:
-    """What `sim` gives; names are of any class that has them, springs absent."""
+    """Return an object as from `sim`, with names of another class and without springs."""
     given = {"J_T": np.eye(2, 3), "J_C": np.ones((1, 3)), "active": np.array([0, 1])}
     return SimpleNamespace(**given | others)
 
 
-def test_a_model_brings_names_and_accuracy_and_springs_on_request():
+def test_a_model_provides_names_accuracy_and_optionally_springs():
     soft = linearized(stiffness=np.ones(3))
     assert ConstrainedSystem.of(soft).stiffness is None
     np.testing.assert_array_equal(ConstrainedSystem.of(soft, springs=True).stiffness, np.eye(3))

@@ -1,4 +1,4 @@
-"""No hostile argument of `prioritized` ends in anything but one sentence or finite numbers."""
+"""Test that a hostile argument of `prioritized` ends in one sentence or in finite numbers."""
 
 from functools import cache
 from typing import Any
@@ -24,14 +24,14 @@ from tests.hostile import Room, one_by_one, public, two_at_once
 
 
 def one_level(levels: Any, lower: Any) -> Any:
-    """Numbers of a level, which is a row of them."""
+    """Solve with the numbers of one level."""
     return prioritized.lexicographic_least_squares(
         [(levels, lower), (np.eye(3, 4), -1.0, 1.0)], lower=-1.0, upper=1.0
     )
 
 
 def one_target(targets: Any) -> Any:
-    """The numbers of one target of two."""
+    """Solve with the numbers of one target of two."""
     return room().of["Hierarchy"].solve([targets, None])
 
 
@@ -42,22 +42,22 @@ TRUSTED = {
     *("Postures", "Tick", "VelocityMapping", "VelocitySolution"),
     # what its parts ask of each other, of what was checked
     *("Hierarchy.undamped", "Tick.at", "Tick.limits", "Tick.of_plain", "Tick.at_jacobians"),
-    *("HierarchySolution.in_words", "Tick.of"),
+    *("HierarchySolution.describe", "Tick.of"),
 }
 FOUND = public(prioritized, Postures, one_level, one_target, trusted=TRUSTED)
 
 
-def numbers(found: Any, **more: Any) -> dict[str, Any]:
-    """All public numbers of what the library returns, its status, and what it makes of ones."""
+def numbers(result: Any, **more: Any) -> dict[str, Any]:
+    """Return all public numbers of a result, and its status."""
     names = "x rates torques residual residuals scale gains active gap steps certificate status"
     names += " secondary_force internal_force active_rows active_limits damping_errors J gain"
     names += " self_motion active_constraint passive_gain passive_self_motion major joint secondary"
     names += " achieved reaction vertices findings worst_gain"
-    return {name: getattr(found, name) for name in names.split() if hasattr(found, name)} | more
+    return {name: getattr(result, name) for name in names.split() if hasattr(result, name)} | more
 
 
 def velocities(mapping: VelocityMapping) -> dict[str, Any]:
-    """An exact one must meet its major task."""
+    """Return the numbers of a mapping; an exact one must achieve its major task."""
     v = np.ones(len(mapping._problem.S_m))
     rates = mapping(v)
     if mapping.status is prioritized.Status.EXACT and mapping._limiting is None:
@@ -79,14 +79,14 @@ def mechanism(kin: Kinematics) -> dict[str, Any]:
     return numbers(kin, f_C=f_C, report=numbers(kin.manipulability([0])))
 
 
-def reach(a: prioritized.Attainable) -> dict[str, Any]:
-    """Infinite where no limit is."""
+def extent(a: prioritized.Attainable) -> dict[str, Any]:
+    """Return the numbers of a set, infinite where there is no limit."""
     return numbers(a, radius_gap=a.radius, support_gap=a.support(np.eye(len(a.gain))), said=str(a))
 
 
 @cache
 def room() -> Room:
-    """Three task rows of four joints as numbers, and of three motors and two passive joints."""
+    """Return three task rows of four joints, and of three motors and two passive joints."""
     rng = np.random.default_rng(7)
     J, J_T, J_C = rng.normal(size=(3, 4)), rng.normal(size=(3, 5)), rng.normal(size=(1, 5))
     batch, many_J_T, many_J_C = (rng.normal(size=(2, *shape)) for shape in ((3, 4), (3, 5), (1, 5)))
@@ -104,14 +104,14 @@ def room() -> Room:
     one = velocity_mapping(J, [0, 1], **weighed)
     within = velocity_mapping(J, [0, 1], rate_limits=(-np.ones(4), 0.2))
     force = force_mapping(J, [0, 1], **forced)
-    held = force_mapping(J, [0, 1], torque_limits=(-np.ones(4), 0.2))
+    fixed = force_mapping(J, [0, 1], torque_limits=(-np.ones(4), 0.2))
 
     def limits(n: int) -> np.ndarray:
         return rng.random((2, n)) - [[1], [0]]
 
-    def met(tick: Tick) -> dict[str, Any]:
-        found = tick(**ticked)
-        return {} if found is None else {"velocities": found}
+    def solve_tick(tick: Tick) -> dict[str, Any]:
+        result = tick(**ticked)
+        return {} if result is None else {"velocities": result}
 
     no_limits: dict[str, Any] = {"rate_limits": ..., "rate_rows": ..., "when_limited": ...}
     no_forces: dict[str, Any] = {"torque_limits": ..., "torque_rows": ..., "force_rows": ...}
@@ -122,7 +122,7 @@ def room() -> Room:
     three |= {"tie_metric": np.ones(3)}
 
     def box(**more: Any) -> dict[str, Any]:
-        """A velocity mapping of a secondary task within limits."""
+        """Return arguments of a velocity mapping with a secondary task within limits."""
         return {"secondary": [2], "secondary_weight": np.ones(1)} | more
 
     good = {
@@ -162,13 +162,13 @@ def room() -> Room:
         | {"self": velocity_mapping(batch, [0, 1], **weighed), "secondary_velocity": np.ones(1)},
         "VelocityMapping.at": {"self": kin.velocity_mapping([0])},
         "VelocityMapping.solve": {"self": within, "start": within.solve(np.ones(2))},
-        "VelocityMapping.within": {"self": within, "rate_limits": (-np.ones(4), 0.2)},
+        "VelocityMapping.with_limits": {"self": within, "rate_limits": (-np.ones(4), 0.2)},
         "force_mapping": no_forces,
         "force_mapping of a batch": {"J": batch, "torque_weight": np.stack([np.eye(4)] * 2)}
         | {"scale": 3.0},
         "force_mapping within limits": box(torque_weight=np.ones(4), torque_limits=limits(4))
         | {"torque_rows": rows, "force_rows": (J[:1, :3], -1.0, 1.0), "when_limited": "scaled"},
-        "ForceMapping.solve": {"self": held, "start": held.solve(np.ones(2))},
+        "ForceMapping.solve": {"self": fixed, "start": fixed.solve(np.ones(2))},
         "ConstrainedSystem": {"geometry_accuracy": ..., "accuracy": ...},
         "ConstrainedSystem of a model": {"geometry_accuracy": 1e-9, "names": good["names"]},
         "ConstrainedSystem with its accuracy": {"accuracy": None},
@@ -212,12 +212,12 @@ def room() -> Room:
     of |= {"Postures": system.postures(many_J_T, many_J_C), "ConstrainedSystem": system}
     of |= {"Attainable": kin.attainable([0, 1], (-1.0, 1.0)), "Hierarchy": hierarchy}
     uses = {
-        **{"VelocityMapping": velocities, "ForceMapping": torques, "Attainable": reach},
-        **{"Postures": numbers, "Tick": met, "HierarchySolution": numbers},
+        **{"VelocityMapping": velocities, "ForceMapping": torques, "Attainable": extent},
+        **{"Postures": numbers, "Tick": solve_tick, "HierarchySolution": numbers},
         **{"ConstrainedSystem": lambda made: mechanism(made.kinematics()), "Kinematics": mechanism},
         **{"Task": lambda task: numbers(kin.hierarchy([task]).solve([None]))},
         **dict.fromkeys(("Solution", "VelocitySolution", "ForceSolution"), numbers),
-        "Hierarchy": lambda asked: numbers(asked.solve(good["targets"])),
+        "Hierarchy": lambda requested: numbers(requested.solve(good["targets"])),
     }
     ranges = {"scale": (0, np.inf), "damping": (0, np.inf), "rank_tolerance": (0, 0.5)}
     return Room(

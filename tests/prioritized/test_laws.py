@@ -1,4 +1,4 @@
-"""Laws of every mapping: all ways give one answer, a batch is its elements, nothing is shared."""
+"""Test invariances of the mappings: equal results by all methods, in batches, and in threads."""
 
 import copy
 import pickle
@@ -26,14 +26,14 @@ from prioritized import (
 from prioritized._mechanism.names import Names
 from tests.frozen import writable
 from tests.profiles import examples
-from tests.random_systems import SEEDS, failures, major_and_rest, orthogonal, systems, weights
+from tests.random_systems import SEEDS, failures, major_and_secondary, orthogonal, systems, weights
 
 MADE = pytest.mark.parametrize("made", [velocity_mapping, force_mapping])
 
 
-def by_gains(mapping, *aims):
+def by_gains(mapping, *goals):
     gains = mapping.major, mapping.joint, mapping.secondary
-    pairs = zip(gains, aims, strict=True)
+    pairs = zip(gains, goals, strict=True)
     return sum(np.einsum("...ij,...j->...i", gain, aim) for gain, aim in pairs)
 
 
@@ -42,57 +42,59 @@ def by_gains(mapping, *aims):
 
 @given(st.data(), systems(), st.sampled_from([0.3, 3.0, np.inf]))
 @examples(200)
-def test_every_way_to_the_rates_gives_the_same(data, drawn, size):
-    """Of any ranks, after any failures, at another pose, within limits and without."""
-    here, rng = data.draw(failures(drawn.system)), drawn.rng
-    N_all, first = len(drawn.system.active), here.kinematics()
+def test_all_methods_give_equal_rates(data, sample, size):
+    """Check any ranks and failures, another pose, with limits and without."""
+    here, rng = data.draw(failures(sample.system)), sample.rng
+    N_all, first = len(sample.system.active), here.kinematics()
     there = here.at(orthogonal(rng, len(here.J_T)) @ here.J_T)
     kin = there.kinematics()
     m, n = kin.J.shape
-    major, rest = major_and_rest(data, m)
-    W = data.draw(weights(N_all, rng)), data.draw(weights(len(rest), rng))
+    major, others = major_and_secondary(data, m)
+    W = data.draw(weights(N_all, rng)), data.draw(weights(len(others), rng))
     lower, upper = (size * rng.uniform(0.5, 2.0, N_all) for _ in range(2))
     box, wide = (-lower, upper), (-20 * lower, 20 * upper)
     own = -lower[kin.actuators], upper[kin.actuators]
-    aims = rng.normal(size=len(major)), rng.normal(size=n), rng.normal(size=len(rest))
+    goals = rng.normal(size=len(major)), rng.normal(size=n), rng.normal(size=len(others))
 
     made = kin.velocity_mapping(major, None, *W, rate_limits=box)
-    found = made.solve(*aims)
+    result = made.solve(*goals)
     free, known = kin.velocity_mapping(major, None, *W), first.velocity_mapping(major, None, *W)
-    known(*aims)  # it remembers what it was called with
+    known(*goals)  # it remembers what it was called with
     before = first.velocity_mapping(major, None, *W, rate_limits=wide)
-    before(*aims)
+    before(*goals)
     moved = known.at(kin, rate_limits=box)
-    ways: dict[str, Any] = {
+    methods: dict[str, Any] = {
         "called": made,
-        "called with lists": lambda *aims: made(*(aim.tolist() for aim in aims)),
-        "within": free.within(own),
+        "called with lists": lambda *goals: made(*(aim.tolist() for aim in goals)),
+        "within": free.with_limits(own),
         "from another pose": moved,
         "from other limits there": before.at(kin, rate_limits=box),
-        "lists from another pose": lambda *aims: moved(*(aim.tolist() for aim in aims)),
-        "targets from another pose": lambda *aims: moved(*(np.stack([a, -a]) for a in aims))[0],
-        "solved from another pose": lambda *aims: moved.solve(*aims).rates,
-        "one of a batch of postures": lambda *aims: (
-            there.postures(there.J_T[None]).velocity_mapping(major, None, *W).within(own)(*aims)[0]
+        "lists from another pose": lambda *goals: moved(*(aim.tolist() for aim in goals)),
+        "targets from another pose": lambda *goals: moved(*(np.stack([a, -a]) for a in goals))[0],
+        "solved from another pose": lambda *goals: moved.solve(*goals).rates,
+        "one of a batch of postures": lambda *goals: (
+            there.postures(there.J_T[None])
+            .velocity_mapping(major, None, *W)
+            .with_limits(own)(*goals)[0]
         ),
-        "one of a batch of targets": lambda *aims: made(*(np.stack([a, -a]) for a in aims))[0],
+        "one of a batch of targets": lambda *goals: made(*(np.stack([a, -a]) for a in goals))[0],
     }
-    scale = max(1.0, np.abs(found.rates).max(initial=0.0))
-    for name, way in ways.items():
+    scale = max(1.0, np.abs(result.rates).max(initial=0.0))
+    for name, method in methods.items():
         loose = 1e-6 if "postures" in name else 1e-9 * scale
-        np.testing.assert_allclose(way(*aims), found.rates, rtol=0, atol=loose, err_msg=name)
+        np.testing.assert_allclose(method(*goals), result.rates, rtol=0, atol=loose, err_msg=name)
     assert moved.status is made.status
-    assert ((own[0] <= found.rates) & (found.rates <= own[1])).all()
-    nothing = aims[0], np.zeros(n), np.zeros(len(rest))
+    assert ((own[0] <= result.rates) & (result.rates <= own[1])).all()
+    nothing = goals[0], np.zeros(n), np.zeros(len(others))
     for mapping in (free, known.at(kin)):
-        np.testing.assert_allclose(mapping(*aims), by_gains(mapping, *aims), atol=1e-7)
-        np.testing.assert_allclose(mapping(aims[0]), by_gains(mapping, *nothing), atol=1e-7)
-        np.testing.assert_allclose(mapping.solve(*aims).rates, mapping(*aims), atol=1e-7)
+        np.testing.assert_allclose(mapping(*goals), by_gains(mapping, *goals), atol=1e-7)
+        np.testing.assert_allclose(mapping(goals[0]), by_gains(mapping, *nothing), atol=1e-7)
+        np.testing.assert_allclose(mapping.solve(*goals).rates, mapping(*goals), atol=1e-7)
 
 
 @pytest.mark.parametrize("kind", ["i8", "f4", ">f8", "F"])
-def test_arrays_of_any_type_and_order_of_memory_are_taken(kind):
-    """Those that are not plain go through the checks, and give the same rates."""
+def test_arrays_of_any_type_and_memory_order_are_accepted(kind):
+    """Compare arrays that need conversion with plain ones."""
     J, w = np.array([[1, 2, 0], [0, 1, 3]]), np.array([1, 2, 3])
 
     def other(A: np.ndarray) -> np.ndarray:
@@ -104,16 +106,16 @@ def test_arrays_of_any_type_and_order_of_memory_are_taken(kind):
         expected = velocity_mapping(J.astype(float), [0], **arguments)([1.0], np.ones(3))
         arguments |= {"joint_weight": other(w)}
         arguments |= {"rate_limits": limits and tuple(map(other, limits))}
-        found = velocity_mapping(other(J), [0], **arguments)(other(np.ones(1)), other(np.ones(3)))
-        np.testing.assert_allclose(found, expected, atol=1e-15)
+        result = velocity_mapping(other(J), [0], **arguments)(other(np.ones(1)), other(np.ones(3)))
+        np.testing.assert_allclose(result, expected, atol=1e-15)
         arguments |= {"joint_weight": np.diag(w)}
         np.testing.assert_allclose(
             velocity_mapping(J, [0], **arguments)([1], [1] * 3), expected, atol=1e-15
         )
 
 
-def test_what_was_looked_up_before_hides_no_wrong_row():
-    """True is equal to 1, and no index."""
+def test_cached_selections_do_not_accept_invalid_rows():
+    """Check that True, which equals 1, is refused as an index."""
     J, w = np.random.default_rng(0).normal(size=(3, 3)), np.ones(3)
     velocity_mapping(J, [1], [0], w)
     for major, secondary in (([True], [0]), ([1], [False]), ([1.0], [0])):
@@ -122,8 +124,8 @@ def test_what_was_looked_up_before_hides_no_wrong_row():
 
 
 @pytest.mark.parametrize("of", ["velocity", "force", "hierarchy", "levels"])
-def test_the_solution_of_the_tick_before_is_a_start(of):
-    """The same answer from it as from nothing, in fewer steps."""
+def test_the_previous_solution_is_a_warm_start(of):
+    """Compare warm with cold start: equal results in fewer steps."""
     rng, steps, limits = np.random.default_rng(0), np.zeros(2), (np.full(6, -0.3), np.full(6, 0.3))
     for _ in range(20):
         J, v = rng.normal(size=(4, 6)), 3 * rng.normal(size=4)
@@ -137,18 +139,18 @@ def test_the_solution_of_the_tick_before_is_a_start(of):
                 hierarchy = kin.hierarchy([Task([0, 1]), Task([2, 3])], rate_limits=limits)
                 return hierarchy.solve([v[:2], v[2:]], start=start)
             mapping = kin.velocity_mapping if of == "velocity" else kin.force_mapping
-            named = {"rate_limits" if of == "velocity" else "torque_limits": limits}
-            return mapping([0, 1], **named).solve(v[:2], start=start)
+            listed = {"rate_limits" if of == "velocity" else "torque_limits": limits}
+            return mapping([0, 1], **listed).solve(v[:2], start=start)
 
         cold, warm = solve(1.01 * v), solve(1.01 * v, solve(v))
-        points = [getattr(found, "optimum", found).point for found in (cold, warm)]
+        points = [getattr(result, "optimum", result).point for result in (cold, warm)]
         np.testing.assert_allclose(points[1].x, points[0].x, rtol=0, atol=1e-9)
         steps += [point.steps[0] for point in points]
     assert steps[1] < steps[0]
 
 
 def contradictions() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]:
-    """What is said, and calls whose arguments are right each, but not together."""
+    """Return messages, and calls whose arguments are valid each, but not together."""
     J = np.eye(2)
     system = ConstrainedSystem(J, None, [0, 1])
     kin, wide = system.kinematics(), ConstrainedSystem(np.eye(3), None, [0, 1, 2]).kinematics()
@@ -173,15 +175,15 @@ def contradictions() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]
     yield "rate_limits must be of shape", failure_atlas, atlas | {"rate_limits": limits}
 
 
-def test_arguments_that_contradict_each_other_are_refused():
-    for said, call, arguments in contradictions():
-        with pytest.raises(ValueError, match=said) as error:
+def test_contradictory_arguments_raise():
+    for message, call, arguments in contradictions():
+        with pytest.raises(ValueError, match=message) as error:
             call(**arguments)
         assert "\n" not in str(error.value)
 
 
-def test_rates_at_a_pose_where_the_loop_ties_the_actuators_obey_it():
-    """A loop whose passive joint cannot move any more, though it could where the mapping began."""
+def test_rates_satisfy_a_loop_that_ties_the_actuators_at_another_pose():
+    """Check a loop whose passive joint cannot move any more, unlike at the first pose."""
     J_T, loop = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]), np.array([[1.0, -1.0, 1.0]])
     system = ConstrainedSystem(J_T, loop, [0, 1])
     mapping = system.kinematics().velocity_mapping([0], joint_weight=np.ones(2))
@@ -194,14 +196,14 @@ def test_rates_at_a_pose_where_the_loop_ties_the_actuators_obey_it():
 
 LEAD = (2, 3)
 AXES = st.sampled_from([None, (), (3,), LEAD])
-"""Batch axes of an argument; None leaves it out."""
+"""Batch axes of an argument; None omits it."""
 TALL = st.sampled_from([0, 1, 3])
 
 
 @MADE
 @given(st.data(), SEEDS, st.integers(1, 4), st.integers(1, 3))
 def test_any_arguments_may_be_batches_with_or_without_secondary_rows(made, data, seed, n, m):
-    """J, weights, metrics, constraint, self-motion and all three velocities or forces.
+    """Check J, weights, metrics, constraint, self-motion and all three velocities or forces.
 
     Some are singular, some have weights that decide nothing: each in its own way.
     """
@@ -238,12 +240,12 @@ def test_any_arguments_may_be_batches_with_or_without_secondary_rows(made, data,
     kinds = ["__call__", *(["secondary_force", "internal_force"] * (made is force_mapping))]
 
     def part(A: np.ndarray, own: int, at: tuple[int, ...]) -> np.ndarray:
-        """Of one element: the last `own` axes."""
+        """Return the last `own` axes of one element."""
         return np.broadcast_to(A, (*lead, *A.shape[A.ndim - own :]))[at]
 
-    def answers(of: Any, *aims: np.ndarray) -> list[np.ndarray]:
-        found = [getattr(of, kind)(*aims) for kind in kinds]
-        return [*found, of.residual(aims[0]), *(np.asarray(getattr(of, name)) for name in names)]
+    def answers(of: Any, *goals: np.ndarray) -> list[np.ndarray]:
+        result = [getattr(of, kind)(*goals) for kind in kinds]
+        return [*result, of.residual(goals[0]), *(np.asarray(getattr(of, name)) for name in names)]
 
     together = answers(mapping, *inputs)
     for at in np.ndindex(lead):
@@ -257,7 +259,7 @@ def test_any_arguments_may_be_batches_with_or_without_secondary_rows(made, data,
 
 @pytest.mark.parametrize(("n", "p", "m"), [(6, 2, 6), (9, 2, 4), (4, 3, 5), (3, 3, 3)])
 def test_a_batch_has_the_rates_of_its_elements_near_a_singularity(n, p, m):
-    """The first major row fades from problem to problem, to below what counts."""
+    """Check a first major row that decreases to below the rank threshold."""
     rng, count = np.random.default_rng(0), 53
     J = rng.normal(size=(count, m, n))
     J[:, 0] = J[:, p - 1] + np.logspace(0, -16, count)[:, None] * J[:, 0]
@@ -273,25 +275,25 @@ def test_a_batch_has_the_rates_of_its_elements_near_a_singularity(n, p, m):
 
 @pytest.mark.parametrize("when", ["least_squares", "scaled"])
 @pytest.mark.parametrize("constrained", [False, True])
-def test_a_batch_within_limits_has_the_answers_of_its_elements(when, constrained):
+def test_a_batch_within_limits_equals_its_elements(when, constrained):
     rng = np.random.default_rng(0)
     J, v = rng.normal(size=(4, 3, 5)), rng.normal(size=(2, 4, 2))
     C = rng.normal(size=(4, 1, 5)) if constrained else None
     task: Any = {"major": [0, 1], "joint_weight": np.ones(5)}
     task |= {"rate_limits": (-0.3, 0.4), "when_limited": when}
-    found = velocity_mapping(J, active_constraint=C, **task).solve(v)
+    result = velocity_mapping(J, active_constraint=C, **task).solve(v)
     for i, k in np.ndindex(2, 4):
         C_k = None if C is None else C[k]
         alone = velocity_mapping(J[k], active_constraint=C_k, **task).solve(v[i, k])
-        np.testing.assert_allclose(found.rates[i, k], alone.rates, atol=1e-9)
-        np.testing.assert_allclose(found.scale[i, k], alone.scale, atol=1e-9)
-        assert found.limited[i, k] == alone.limited
-        np.testing.assert_allclose(found.gains[i, k], alone.gains, atol=1e-7)
+        np.testing.assert_allclose(result.rates[i, k], alone.rates, atol=1e-9)
+        np.testing.assert_allclose(result.scale[i, k], alone.scale, atol=1e-9)
+        assert result.limited[i, k] == alone.limited
+        np.testing.assert_allclose(result.gains[i, k], alone.gains, atol=1e-7)
 
 
 # Results are frozen, their own, and the same in every thread.
 
-Way = Callable[[np.ndarray], np.ndarray]
+Method = Callable[[np.ndarray], np.ndarray]
 UNKEPT = "least squares"
 THREADED = [
     *(
@@ -307,8 +309,8 @@ THREADED = [
 ]
 
 
-def ways(J: Any, w: Any, low: Any, high: Any, v: Any) -> dict[str, Way]:
-    """Answers to two numbers, of records made from these arrays; or to v, whatever is asked."""
+def methods(J: Any, w: Any, low: Any, high: Any, v: Any) -> dict[str, Method]:
+    """Return the results of records made from these arrays, for two numbers or for v."""
     box = low, high
     kin = ConstrainedSystem(J, None, range(6)).kinematics()
     limited = kin.velocity_mapping([0, 1], joint_weight=w, rate_limits=box)
@@ -342,29 +344,31 @@ def fresh() -> list[np.ndarray]:
     return [rng.normal(size=(4, 6)), rng.uniform(0.5, 2.0, 6), *sides, np.array([2.0, -0.5])]
 
 
-def test_what_was_given_may_change_afterwards():
-    """A mapping, a mechanism and a solution keep copies."""
-    given_, kept, asked = fresh(), fresh(), np.array([0.3, -0.2])
-    found, expected = ways(*given_), ways(*kept)
+def test_arguments_are_copied():
+    """Check that a mapping, a mechanism and a solution copy their arguments."""
+    given_, retained, requested = fresh(), fresh(), np.array([0.3, -0.2])
+    result, expected = methods(*given_), methods(*retained)
     for A in given_:
         A[:] = 9.0
-    for name in found.keys() - {UNKEPT}:
-        np.testing.assert_array_equal(found[name](asked), expected[name](asked), err_msg=name)
+    for name in result.keys() - {UNKEPT}:
+        np.testing.assert_array_equal(
+            result[name](requested), expected[name](requested), err_msg=name
+        )
 
 
 @pytest.mark.parametrize("how", [copy.copy, copy.deepcopy, lambda A: pickle.loads(pickle.dumps(A))])
-def test_a_copy_of_a_mapping_answers_the_same(how: Callable[[Any], Any]):
-    for name, way in ways(*fresh()).items():
-        if isinstance(way, VelocityMapping | ForceMapping):
-            way(np.ones(2))
-            np.testing.assert_array_equal(how(way)(np.ones(2)), way(np.ones(2)), err_msg=name)
+def test_a_copy_of_a_mapping_gives_equal_rates(how: Callable[[Any], Any]):
+    for name, method in methods(*fresh()).items():
+        if isinstance(method, VelocityMapping | ForceMapping):
+            method(np.ones(2))
+            np.testing.assert_array_equal(how(method)(np.ones(2)), method(np.ones(2)), err_msg=name)
 
 
 @pytest.mark.usefixtures("switching")
 @pytest.mark.parametrize("name", THREADED)
-def test_four_threads_get_the_answers_of_one(name):
-    """No answer depends on which call came before it."""
-    call, count = ways(*fresh())[name], 200 if "limited" in name or name == "velocity" else 20
+def test_four_threads_give_the_results_of_one(name):
+    """Check that no result depends on the order of calls."""
+    call, count = methods(*fresh())[name], 200 if "limited" in name or name == "velocity" else 20
     targets = np.random.default_rng(0).uniform(-1.0, 1.0, size=(count, 2))
     alone = [call(v) for v in targets]
     with ThreadPoolExecutor(4) as pool:
@@ -375,8 +379,8 @@ def test_four_threads_get_the_answers_of_one(name):
             np.testing.assert_array_equal(answers, [alone[k] for k in order])
 
 
-def test_no_result_can_be_written_to():
-    """The next tick starts from it, and a report shares its bases with the mechanism."""
+def test_results_are_read_only():
+    """Check read-only arrays: the next tick starts from them, and reports share them."""
     A, box = np.ones((3, 4)), (-0.1 * np.ones(3), np.ones(3))
     system = ConstrainedSystem(np.eye(3, 5) + 0.1, np.ones((1, 5)), [0, 1, 2], stiffness=np.ones(5))
     kin = system.kinematics()

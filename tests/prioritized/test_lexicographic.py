@@ -1,4 +1,4 @@
-"""Bounded lexicographic least squares: certificate, interior points, enumeration, attacks."""
+"""Test bounded lexicographic least squares: certificates, interior points, enumeration."""
 
 from typing import Any
 
@@ -21,9 +21,9 @@ LONG = pytest.mark.long
 def solve(problem: Problem, **others: Any) -> Solution:
     if problem.rows is not None:
         others |= dict(zip(("rows", "rows_lower", "rows_upper"), problem.rows, strict=True))
-    found = lexicographic_least_squares(problem.levels, problem.lower, problem.upper, **others)
-    assert ((problem.lower <= found.x) & (found.x <= problem.upper)).all()  # exactly
-    return found
+    result = lexicographic_least_squares(problem.levels, problem.lower, problem.upper, **others)
+    assert ((problem.lower <= result.x) & (result.x <= problem.upper)).all()  # exactly
+    return result
 
 
 def worst(problem: Problem, x: np.ndarray) -> float:
@@ -40,27 +40,27 @@ def enumerated(problem: Problem) -> np.ndarray:
     return x
 
 
-def drawn(seed: int, n: int, reach: float = 3.0) -> Problem:
-    """Any kinds of levels, bounds and rows."""
+def sample(seed: int, n: int, extent: float = 3.0) -> Problem:
+    """Sample any kinds of levels, bounds and rows."""
     rng = np.random.default_rng(seed)
     kinds = [KINDS[k] for k in rng.integers(0, len(KINDS), rng.integers(1, 4))]
     bounds = ("finite", "mixed")[rng.integers(2)]
-    return random_problem(rng, n, kinds, bounds, reach, seed % 3)
+    return random_problem(rng, n, kinds, bounds, extent, seed % 3)
 
 
 def assert_optimal(problem: Problem, **others: Any) -> Solution:
-    found = solve(problem, **others)
-    assert found.status is Status.OPTIMAL
-    assert worst(problem, found.x) < 1e-9
-    return found
+    result = solve(problem, **others)
+    assert result.status is Status.OPTIMAL
+    assert worst(problem, result.x) < 1e-9
+    return result
 
 
 @examples(60)
 @given(problems(most=4))
 def test_enumeration_of_active_sets_finds_no_better_answer(problem):
-    found, x = assert_optimal(problem), enumerated(problem)
-    np.testing.assert_allclose(found.x, x, rtol=0, atol=1e-7 * (1 + abs(x).max()))
-    for (A, b), residual in zip(problem.levels, found.residuals, strict=True):
+    result, x = assert_optimal(problem), enumerated(problem)
+    np.testing.assert_allclose(result.x, x, rtol=0, atol=1e-7 * (1 + abs(x).max()))
+    for (A, b), residual in zip(problem.levels, result.residuals, strict=True):
         size = float(np.linalg.norm(A) * (1 + np.linalg.norm(x)) + np.linalg.norm(b))
         np.testing.assert_allclose(residual, b - A @ x, rtol=0, atol=1e-9 * (size + 1))
 
@@ -70,52 +70,54 @@ def test_interior_points_find_no_better_answer(seeds):
     for seed in seeds:
         rng = np.random.default_rng(seed)
         kinds = ["any rank", "redundant rows", "dependent levels"]
-        problem = random_problem(rng, 12, kinds, reach=float(rng.choice([0.5, 5.0])), rows=seed % 3)
+        problem = random_problem(
+            rng, 12, kinds, extent=float(rng.choice([0.5, 5.0])), rows=seed % 3
+        )
         x = interior(problem)
         np.testing.assert_allclose(solve(problem).x, x, rtol=0, atol=1e-7 * (1 + abs(x).max()))
 
 
 @given(st.integers(1, 30), SEEDS, st.sampled_from([0.3, 0.9, 3.0, 100.0]))
 @examples(600)
-def test_the_conditions_of_an_optimum_hold_at_every_level(n, seed, reach):
-    assert_optimal(drawn(seed, n, reach))
+def test_the_conditions_of_an_optimum_hold_at_every_level(n, seed, extent):
+    assert_optimal(sample(seed, n, extent))
 
 
 def test_ties_are_broken_by_the_least_norm_or_by_the_metric():
-    """By hand: of x + y = 2 the nearest to zero is (1, 1), with weights 1 and 2 (1.6, 0.4)."""
+    """Check x + y = 2: the least norm is (1, 1), with weights 1 and 2 it is (1.6, 0.4)."""
     level = [(np.ones((1, 2)), np.array([2.0]))]
     np.testing.assert_allclose(lexicographic_least_squares(level).x, [1, 1], atol=1e-15)
     of_metric = lexicographic_least_squares(level, tie_metric=[1.0, 2.0])
     np.testing.assert_allclose(of_metric.x, [1.6, 0.4], atol=1e-15)
-    held = lexicographic_least_squares(level, upper=[1.5, INF], tie_metric=[1.0, 2.0])
-    np.testing.assert_allclose(held.x, [1.5, 0.5], atol=1e-15)
-    assert held.active.tolist() == [1, 0]
+    fixed = lexicographic_least_squares(level, upper=[1.5, INF], tie_metric=[1.0, 2.0])
+    np.testing.assert_allclose(fixed.x, [1.5, 0.5], atol=1e-15)
+    assert fixed.active.tolist() == [1, 0]
 
 
 @given(SEEDS, st.integers(1, 3))
 @examples(30)
-def test_a_later_interval_is_met_as_nearly_as_earlier_levels_let(seed, n):
-    """Enumeration with the values of its rows as unknowns: |G x - s| least, s in the interval."""
+def test_a_later_interval_has_the_least_violation(seed, n):
+    """Compare with enumeration over s in the interval that minimizes |G x - s|."""
     rng = np.random.default_rng(seed)
     A, G = rng.normal(size=(1, n)), rng.normal(size=(2, n))
     lower, upper, low = -rng.uniform(0.1, 1, n), rng.uniform(0.1, 1, n), rng.normal(size=2)
     high = low + rng.uniform(0, 0.5, 2)
-    found = lexicographic_least_squares([(A, [0.1]), (G, low, high)], lower, upper)
-    lacking = np.clip(G @ found.x, low, high) - G @ found.x
-    np.testing.assert_allclose(found.residuals[1], lacking, atol=1e-12)
+    result = lexicographic_least_squares([(A, [0.1]), (G, low, high)], lower, upper)
+    violation = np.clip(G @ result.x, low, high) - G @ result.x
+    np.testing.assert_allclose(result.residuals[1], violation, atol=1e-12)
     levels = [
         (np.hstack([A, np.zeros((1, 2))]), np.array([0.1])),
         (np.hstack([G, -np.eye(2)]), np.zeros(2)),
     ]
     x = by_active_sets(levels, np.append(lower, low), np.append(upper, high))
-    np.testing.assert_allclose(abs(A @ (found.x - x[:n])), 0, atol=1e-9)
-    np.testing.assert_allclose(lacking, x[n:] - G @ x[:n], atol=1e-8)
+    np.testing.assert_allclose(abs(A @ (result.x - x[:n])), 0, atol=1e-9)
+    np.testing.assert_allclose(violation, x[n:] - G @ x[:n], atol=1e-8)
 
 
-def proves(found: Solution, G: Any, low: Any, high: Any, lower: Any, upper: Any) -> bool:
-    """Whether y . (G x - s) > 0 for all x between the bounds and s between the limits."""
-    assert found.certificate is not None
-    y = found.certificate[: len(G)]
+def proves(result: Solution, G: Any, low: Any, high: Any, lower: Any, upper: Any) -> bool:
+    """Return whether y . (G x - s) > 0 for all x within the bounds and s within the limits."""
+    assert result.certificate is not None
+    y = result.certificate[: len(G)]
     y = np.where(abs(y) > 1e-12 * abs(y).max(), y, 0.0)
     a = y @ G
     a = np.where(abs(a) > 1e-12 * np.abs(y).dot(np.abs(G)), a, 0.0)
@@ -126,8 +128,8 @@ def proves(found: Solution, G: Any, low: Any, high: Any, lower: Any, upper: Any)
 
 
 @given(SEEDS, st.integers(1, 8))
-def test_infeasible_rows_come_with_a_proof_and_the_bounds_still_hold(seed, n):
-    """By interval arithmetic over the box; no exception, no NaN."""
+def test_infeasible_rows_have_a_certificate_and_the_bounds_hold(seed, n):
+    """Check the certificate by interval arithmetic over the box."""
     rng = np.random.default_rng(seed)
     G = rng.normal(size=(3, n))
     lower, upper = -rng.uniform(0.1, 1, n), rng.uniform(0.1, 1, n)
@@ -136,19 +138,19 @@ def test_infeasible_rows_come_with_a_proof_and_the_bounds_still_hold(seed, n):
     high = np.array([INF, 1.0, INF])
     levels = [(rng.normal(size=(2, n)), rng.normal(size=2))]
     problem = Problem(tuple(levels), lower, upper, (G, low, high))
-    found = solve(problem)
-    assert found.status is Status.INFEASIBLE
-    assert np.isfinite(found.x).all()
-    assert proves(found, G, low, high, lower, upper)
+    result = solve(problem)
+    assert result.status is Status.INFEASIBLE
+    assert np.isfinite(result.x).all()
+    assert proves(result, G, low, high, lower, upper)
 
 
 def test_feasible_rows_are_never_called_infeasible_far_below_the_optimum():
-    """Rows that leave one point; and from 5e4, where 1e-4 leads, to rows of size one."""
+    """Check rows with a single feasible point, and solutions of 5e4 with rows of size one."""
     rows = np.array([[1.0, 1.0], [-1.0, -1.0]]), np.array([1e-9, -1e-9]), np.full(2, INF)
     target = [(np.eye(2) * [[1.0], [1e-4]], np.array([3.0, 50.0]))]
-    found = solve(Problem(tuple(target), np.full(2, -INF), np.full(2, INF), rows))
-    assert found.certificate is None and found.status is Status.OPTIMAL
-    assert abs(found.x.sum() - 1e-9) < 1e-14
+    result = solve(Problem(tuple(target), np.full(2, -INF), np.full(2, INF), rows))
+    assert result.certificate is None and result.status is Status.OPTIMAL
+    assert abs(result.x.sum() - 1e-9) < 1e-14
     rng = np.random.default_rng(0)
     for _ in range(100):
         n = int(rng.integers(2, 6))
@@ -156,8 +158,8 @@ def test_feasible_rows_are_never_called_infeasible_far_below_the_optimum():
 
 
 @pytest.mark.parametrize("n", [4, 10])
-def test_klee_mintys_cube_does_not_take_its_path(n):
-    """Rows 4 x_1 + ... + x_k <= 5^k, the largest sum as the level: 2^n corners for a bad pivot."""
+def test_klee_mintys_cube_needs_few_steps(n):
+    """Check rows 4 x_1 + ... + x_k <= 5^k, the largest sum: 2^n corners for a bad pivot rule."""
     G = np.array(
         [[2.0 ** (i - j + 1) if j < i else float(i == j) for j in range(n)] for i in range(n)]
     )
@@ -167,10 +169,10 @@ def test_klee_mintys_cube_does_not_take_its_path(n):
     problem = Problem(
         (((cost[None]), np.array([2 * high[-1]])),), *bounds, (G, np.full(n, -INF), high)
     )
-    found = solve(problem)
-    assert found.status is Status.OPTIMAL
-    assert found.steps < 20 * n
-    assert cost @ found.x == pytest.approx(high[-1], rel=1e-12)
+    result = solve(problem)
+    assert result.status is Status.OPTIMAL
+    assert result.steps < 20 * n
+    assert cost @ result.x == pytest.approx(high[-1], rel=1e-12)
 
 
 # Oracles: they agree, and each can fail.
@@ -178,8 +180,8 @@ def test_klee_mintys_cube_does_not_take_its_path(n):
 
 @examples(60)
 @given(problems(most=4))
-def test_the_oracles_agree_and_both_answers_are_certified(problem):
-    """Enumeration and interior points know nothing of each other; the conditions prove both."""
+def test_the_oracles_agree_and_both_solutions_are_certified(problem):
+    """Compare enumeration with interior points, and check the optimality conditions of both."""
     x = enumerated(problem)
     assert worst(problem, x) < 1e-11
     try:

@@ -1,4 +1,4 @@
-"""The conditions of section 2.2: each verdict with the motion or the force that proves it."""
+"""Test the conditions of section 2.2 with explicit motions and forces."""
 
 import numpy as np
 import pytest
@@ -15,14 +15,14 @@ FLAGS = {
     "unstable",
     "unstable_major",
     "unstable_secondary",
-    "idle",
+    "unobservable",
     "irresolvable",
     "constrained_active",
 }
 
 
 def holding(report) -> set[str]:
-    """Names of the conditions that hold; each flag agrees with its finding and its basis."""
+    """Return the names of the conditions that hold; flags, findings and bases must agree."""
     assert set(report.findings) == FLAGS
     for name in FLAGS:
         assert getattr(report, name) == report.findings[name].holds
@@ -37,7 +37,7 @@ HALF = np.sqrt(0.5)
     ("J_T", "J_C", "active", "flags", "name", "basis"),
     [
         # A rod between two ball joints: its two spins agree, and nothing else takes part.
-        ([[1, 0, 0]], [[0, 1, -1]], [0], {"idle"}, "idle", [[HALF], [HALF]]),
+        ([[1, 0, 0]], [[0, 1, -1]], [0], {"unobservable"}, "unobservable", [[HALF], [HALF]]),
         # A door with two hinges on one axis: how they share the load is open, no rate is forbidden.
         ([[0, 1]], [[1, -1], [1, -1]], [0], {"irresolvable"}, "irresolvable", [[HALF, HALF]]),
         # Two motors geared one to two: torques along (2, -1) only squeeze.
@@ -47,7 +47,7 @@ HALF = np.sqrt(0.5)
         ),
     ],
 )
-def test_spinning_rods_doors_and_gears_have_the_verdicts_known_by_hand(
+def test_spinning_rods_doors_and_gears_are_classified_correctly(
     J_T, J_C, active, flags, name, basis
 ):
     report = ConstrainedSystem(J_T, J_C, active).kinematics().manipulability([0])
@@ -56,22 +56,26 @@ def test_spinning_rods_doors_and_gears_have_the_verdicts_known_by_hand(
 
 
 @given(systems())
-def test_every_drawn_rank_is_found_again(drawn):
-    """Self-motion, idle joints, internal forces, forbidden rates, reach: as they were made."""
-    m, n = len(drawn.system.J_T), len(drawn.system.active)
-    bases = drawn.system.kinematics().manipulability(list(range(m))).bases
-    assert bases["unstable"].shape == bases["unstable_major"].shape == (m, drawn.self_motion)
-    assert bases["idle"].shape[1] == drawn.idle
-    assert bases["irresolvable"].shape == (drawn.internal, len(drawn.system.J_C))
-    assert bases["constrained_active"].shape == (drawn.bound, n)
-    assert bases["unmanipulable"].shape == bases["unmanipulable_task"].shape == (m, m - drawn.reach)
+def test_every_sampled_rank_is_recovered(sample):
+    """Check self-motion, unobservable motion, internal forces, constraints, and reachable rank."""
+    m, n = len(sample.system.J_T), len(sample.system.active)
+    bases = sample.system.kinematics().manipulability(list(range(m))).bases
+    assert bases["unstable"].shape == bases["unstable_major"].shape == (m, sample.self_motion)
+    assert bases["unobservable"].shape[1] == sample.unobservable
+    assert bases["irresolvable"].shape == (sample.internal, len(sample.system.J_C))
+    assert bases["constrained_active"].shape == (sample.bound, n)
+    assert (
+        bases["unmanipulable"].shape
+        == bases["unmanipulable_task"].shape
+        == (m, m - sample.reachable)
+    )
     assert not bases["unstable_secondary"].size
 
 
 @given(st.data(), systems())
-def test_every_basis_proves_its_verdict(data, drawn):
-    """Each direction is acted out with explicit rates of all joints, or borne by no torque."""
-    system = data.draw(failures(drawn.system))
+def test_every_basis_is_verified_by_explicit_motions(data, sample):
+    """Check each direction with explicit rates of all joints, or forces without torque."""
+    system = data.draw(failures(sample.system))
     kin = system.kinematics()
     J_T, N = system.J_T, system.J_T.shape[1]
     major = rows_of(data, len(J_T))
@@ -94,7 +98,7 @@ def test_every_basis_proves_its_verdict(data, drawn):
         "unstable": moved,
         "unstable_major": moved[major],
         "unstable_secondary": J_T @ still,
-        "idle": (loose @ spaces.null(moved))[kin.passive],
+        "unobservable": (loose @ spaces.null(moved))[kin.passive],
     }
     for name, made in expected.items():
         spaces.assert_spans(bases[name], made)
@@ -110,9 +114,9 @@ def test_every_basis_proves_its_verdict(data, drawn):
 
 
 @given(st.data(), systems(self_motion=False))
-def test_the_worst_gain_is_the_least_speed_per_unit_rate(data, drawn):
-    """Its inverse is what the worst unit velocity costs in rates, as the mapping pays it."""
-    kin = drawn.system.kinematics()
+def test_the_worst_gain_is_the_least_speed_per_unit_rate(data, sample):
+    """Compare its inverse with the norm of the mapping's rates for the worst unit velocity."""
+    kin = sample.system.kinematics()
     major = rows_of(data, len(kin.J))
     report = kin.manipulability(major)
     cost = np.linalg.norm(kin.velocity_mapping(major).major, 2)
@@ -121,10 +125,10 @@ def test_the_worst_gain_is_the_least_speed_per_unit_rate(data, drawn):
         assert report.worst_gain == pytest.approx(1.0 / cost, rel=1e-6)
 
 
-def test_the_gap_of_what_springs_hold_is_theirs():
-    """A spring of 3e-10 of the stiffest holds the second hinge, by a factor of three."""
+def test_the_gap_includes_the_decision_on_springs():
+    """Check a spring of 3e-10 of the stiffest one, above the threshold by a factor of three."""
     system = ConstrainedSystem([[1.0, 1.0, 1.0]], None, [0], stiffness=[0.0, 1.0, 3e-10])
     report = system.kinematics().manipulability([0])
     assert not report.unstable
     assert report.gaps["unstable"] == pytest.approx(3.0)
-    assert report.gaps["idle"] == pytest.approx(3.0)
+    assert report.gaps["unobservable"] == pytest.approx(3.0)

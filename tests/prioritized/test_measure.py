@@ -1,4 +1,4 @@
-"""Angles and lengths are in one norm only with a length: what they choose knows no unit."""
+"""Test norms of angles and lengths: results do not depend on the unit of length."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -23,7 +23,7 @@ _TWIST = np.array([0.1, 0.2, -0.1, 0.3, 0.1, 0.2])
 
 
 def _read(unit: float) -> tuple[Jacobians, np.ndarray]:
-    """The arm where one metre is `unit`, and the units of its rates."""
+    """Return the arm where one metre is `unit`, and the units of its rates."""
     lengths = {"r": 0.02, "l1": 0.41, "l2": 0.23, "l3": 0.17}
     model = mujoco.MjModel.from_xml_string(
         _ARM.format(**{name: unit * length for name, length in lengths.items()})
@@ -35,7 +35,7 @@ def _read(unit: float) -> tuple[Jacobians, np.ndarray]:
 
 
 def _answers(unit: float) -> dict[str, np.ndarray]:
-    """Rates, or torques times them, of what a norm of angles and lengths chooses."""
+    """Return rates, and scaled torques, that depend on a norm of angles and lengths."""
     jac, of_rate = _read(unit)
     kin, of_task = ConstrainedSystem.of(jac).kinematics(), np.repeat([1.0, unit], 3)
     twist, box = _TWIST * of_task, (-0.1 * of_rate, 0.1 * of_rate)
@@ -53,14 +53,14 @@ def _answers(unit: float) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("exponent", [-3, 2, 3, 6])
 def test_no_norm_depends_on_the_unit_of_length(exponent):
-    """What is out of reach or not determined is chosen alike in millimetres and in metres."""
+    """Compare unreachable and undetermined directions in millimetres and in metres."""
     here, there = _answers(1.0), _answers(10.0**exponent)
     for name, answer in here.items():
         np.testing.assert_allclose(there[name], answer, rtol=1e-6, atol=1e-9, err_msg=name)
 
 
-def test_a_length_that_measures_is_told_and_a_stated_metric_is_first():
-    """The mechanism's own length stands in the answer; a metric of the user's is the user's."""
+def test_the_characteristic_length_is_reported_unless_a_metric_is_stated():
+    """Check that the text states the mechanism's length, and that a stated metric has priority."""
     jac, length = _read(1.0)[0], 1.2
     kin, accuracy = ConstrainedSystem.of(jac).kinematics(), jac.accuracy
     mapping = kin.velocity_mapping(range(6))
@@ -77,8 +77,8 @@ def test_a_length_that_measures_is_told_and_a_stated_metric_is_first():
     assert force.characteristic_length == mapping.characteristic_length
 
 
-def test_limits_hold_back_rows_of_two_kinds_as_far_as_the_metric_says():
-    """With a metric the compiled way gives what the levels solved one by one give."""
+def test_limits_of_rows_of_two_kinds_use_the_metric():
+    """Compare the compiled method with levels solved one by one, with a metric."""
     kin = ConstrainedSystem.of(_read(1.0)[0]).kinematics()
     rows, box = np.eye(6)[2:5], (np.full(4, -0.1), np.full(4, 0.1))
     quick = kin.velocity_mapping([2, 3, 4], joint_weight=np.ones(4), rate_limits=box)
@@ -93,8 +93,8 @@ def test_limits_hold_back_rows_of_two_kinds_as_far_as_the_metric_says():
     assert np.abs(plain(_TWIST[2:5]) - a.rates).max() > 1e-3
 
 
-def _drawn(seed: int, unit: float, error: float) -> tuple[ConstrainedSystem, dict[str, Any]]:
-    """Hinges, slides and loops where the natural length is `unit`; a task, and units of both.
+def _sample(seed: int, unit: float, error: float) -> tuple[ConstrainedSystem, dict[str, Any]]:
+    """Sample hinges, slides and loops with natural length `unit`; a task, and units of both.
 
     Half of the singular values of the task are 1e-3 to 1e-7, of which `error` explains some.
     """
@@ -125,8 +125,8 @@ def _drawn(seed: int, unit: float, error: float) -> tuple[ConstrainedSystem, dic
 
 
 def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
-    """Verdicts, and rates and torques in natural units, of every kind of mapping."""
-    system, of = _drawn(seed, unit, error)
+    """Return classification, rates and torques in natural units, of every kind of mapping."""
+    system, of = _sample(seed, unit, error)
     major, v, rate, task = of["major"], of["v"], of["rate"], of["task"]
     kin = system.kinematics()
     report, box = kin.manipulability(major), (-of["limit"] * rate, of["limit"] * rate)
@@ -150,8 +150,8 @@ def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
     stated_force = kin.force_mapping(
         major, None, np.append(rate[:1], 0.0 * rate[1:]), **forces
     ).solve(f)
-    alike = len({*task[major]}) == len({*rate}) == 1
-    gain_unit = task[major[0]] / rate[0] if alike else 1.0
+    equal = len({*task[major]}) == len({*rate}) == 1
+    gain_unit = task[major[0]] / rate[0] if equal else 1.0
     assert (plain.status is Status.LEAST_SQUARES) == (
         report.unmanipulable and not report.unstable_major
     )
@@ -177,8 +177,8 @@ def _solved(seed: int, unit: float, error: float) -> dict[str, Any]:
 
 @pytest.mark.parametrize("error", [0.0, 1e-6])
 @pytest.mark.parametrize("unit", [1e-9, 1e-3, 1e4, 1e8])
-def test_hinges_and_slides_have_one_verdict_and_answer_in_any_unit(unit, error):
-    """Reach, ranks and statuses, least squares, limits, levels, torques; exact or rounded."""
+def test_hinges_and_slides_have_equal_results_in_any_unit(unit, error):
+    """Check ranks and statuses, least squares, limits, levels, torques; exact or rounded."""
     for seed in range(scaled(30)):
         here, there = _solved(seed, 1.0, error), _solved(seed, unit, error)
         if min(here.pop("gap"), there.pop("gap")) < 2.0:  # a unit's own round-off may decide
@@ -192,9 +192,9 @@ def test_hinges_and_slides_have_one_verdict_and_answer_in_any_unit(unit, error):
 
 
 @pytest.mark.parametrize("seed", range(scaled(10)))
-def test_a_mapping_goes_over_to_another_failure_and_pose_in_their_units(seed):
-    """A hinge fails where a slide did: the rates that are left have other units."""
-    system, of = _drawn(seed, 0.3, 0.0)
+def test_a_mapping_at_another_failure_and_pose_uses_their_units(seed):
+    """Check a failed hinge instead of a slide: the remaining rates have other units."""
+    system, of = _sample(seed, 0.3, 0.0)
     n, major, rng = len(system.active), of["major"], np.random.default_rng(seed)
     kinds = [int(np.flatnonzero(of["rate"] == unit)[0]) for unit in set(of["rate"].tolist())]
     first, *others = (system.with_failures(locked=[k]).kinematics() for k in kinds)

@@ -1,4 +1,4 @@
-"""Motions of a mechanism: all velocities, and springs that settle what loops leave open."""
+"""Test motions of a mechanism: all velocities, and springs on motion that loops leave free."""
 
 import numpy as np
 import pytest
@@ -19,12 +19,12 @@ from tests.random_systems import (
 
 
 @given(st.data(), systems())
-def test_all_velocities_come_in_the_order_of_the_columns(data, drawn):
-    """They close the loops, move the task by J rates, and leave stuck joints exactly at rest."""
-    system = data.draw(failures(drawn.system))
+def test_all_velocities_come_in_the_order_of_the_columns(data, sample):
+    """Check that they close the loops, move the task by J rates, and are zero for stuck joints."""
+    system = data.draw(failures(sample.system))
     kin = system.kinematics()
     Z = spaces.null(kin.active_constraint)
-    rates = (Z @ drawn.rng.normal(size=(Z.shape[1], 4))).T.reshape(2, 2, -1)
+    rates = (Z @ sample.rng.normal(size=(Z.shape[1], 4))).T.reshape(2, 2, -1)
     velocities = kin.velocities(rates)
     assert velocities.shape == (2, 2, system.J_T.shape[1])
     np.testing.assert_array_equal(velocities[..., kin.active], rates)
@@ -36,9 +36,9 @@ def test_all_velocities_come_in_the_order_of_the_columns(data, drawn):
 
 
 @given(st.data(), systems())
-def test_passive_joints_settle_where_the_energy_of_all_joints_is_least(data, drawn):
-    """Dense in all coordinates: close the loops, follow the actuators, relax K, then the metric."""
-    system, rng = data.draw(failures(drawn.system)), drawn.rng
+def test_passive_joints_minimize_the_energy_of_all_joints(data, sample):
+    """Compare with dense algebra: loops, actuators, then energy of K, then the metric."""
+    system, rng = data.draw(failures(sample.system)), sample.rng
     N = system.J_T.shape[1]
     R, S = data.draw(springs(N, rng)), data.draw(springs(N, rng))
     kin = with_stiffness(system, R.T @ R).kinematics(passive_metric=S.T @ S)
@@ -57,10 +57,10 @@ def test_passive_joints_settle_where_the_energy_of_all_joints_is_least(data, dra
 
 
 @given(st.data(), systems())
-def test_what_no_spring_resists_stays_self_motion(data, drawn):
-    """Stiffness on some joints only: the motions it does not see are those that remain."""
-    system = data.draw(failures(drawn.system))
-    R = data.draw(springs(system.J_T.shape[1], drawn.rng))
+def test_motion_without_springs_remains_self_motion(data, sample):
+    """Check stiffness on some joints only: the unaffected motions remain."""
+    system = data.draw(failures(sample.system))
+    R = data.draw(springs(system.J_T.shape[1], sample.rng))
     rigid, kin = system.kinematics(), with_stiffness(system, R.T @ R).kinematics()
     spring_lost = spaces.self_motions(system, rigid)
     spring_lost = spring_lost @ spaces.null(R @ spring_lost)
@@ -73,8 +73,8 @@ def test_what_no_spring_resists_stays_self_motion(data, drawn):
 
 
 @given(SEEDS, st.floats(2, 14), st.floats(-6, 6))
-def test_a_spring_counts_from_the_rank_tolerance_of_the_stiffest_on(seed, weakness, unit):
-    """Two loose hinges on one serial arm: the weaker holds its motion, or is none."""
+def test_springs_below_the_rank_tolerance_of_the_stiffest_do_not_count(seed, weakness, unit):
+    """Check two loose hinges on a serial arm: the weaker spring counts or not."""
     K = np.zeros((3, 3))
     Q = orthogonal(np.random.default_rng(seed), 2)
     K[1:, 1:] = 10.0**unit * Q @ np.diag([1.0, 10.0**-weakness]) @ Q.T
@@ -86,8 +86,8 @@ def test_a_spring_counts_from_the_rank_tolerance_of_the_stiffest_on(seed, weakne
 
 
 @given(st.floats(3, 100), st.floats(-6, 6))
-def test_round_off_beside_a_coupling_to_an_active_joint_is_no_spring(exponent, unit):
-    """K of one spring row (1, weak): the passive rate per active rate would be -1 / weak."""
+def test_round_off_of_a_coupling_to_an_active_joint_is_no_spring(exponent, unit):
+    """Check K of one spring row (1, weak): the passive rate per active rate would be -1 / weak."""
     weak = 10.0**-exponent
     K = 10.0**unit * np.outer([1.0, weak], [1.0, weak])
     free = ConstrainedSystem([[1.0, 1.0]], None, [0])

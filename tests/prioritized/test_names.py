@@ -1,4 +1,4 @@
-"""Joints and actuators by name: in arguments, in errors, in sentences."""
+"""Test names of joints and actuators in arguments, errors, and sentences."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ NAMES = Names(
     velocities=("hip", "knee", "wrist", "wrist", "coupler", "ball", "ball", ""),
     actuators=(("hip_motor",), ("pull", "push"), ("roll",), ("pitch",)),
 )
-"""A muscle pair drives the knee, two motors the wrist; one passive joint has no name."""
+"""Names with a muscle pair on the knee, two motors on the wrist, and an unnamed passive joint."""
 
 
 def made(names: Names | None = NAMES) -> ConstrainedSystem:
@@ -22,13 +22,13 @@ def made(names: Names | None = NAMES) -> ConstrainedSystem:
 
 
 def of(joints, motors, J_C=None) -> ConstrainedSystem:
-    """A mechanism of joints and motors with these names, whose first joint is its task."""
+    """Return a mechanism of joints and motors with these names; its first joint is its task."""
     names, n = Names(tuple(joints), tuple(motors)), len(motors)
     return ConstrainedSystem(np.eye(1, len(joints)), J_C, range(n), names=names)
 
 
 @pytest.mark.parametrize(
-    ("named", "numbered"),
+    ("listed", "numbered"),
     [
         ({"locked": ["knee"]}, {"locked": [1]}),
         ({"locked": ["push"], "free": ["hip_motor"]}, {"locked": [1], "free": [0]}),
@@ -38,12 +38,12 @@ def of(joints, motors, J_C=None) -> ConstrainedSystem:
         ({"locked_passive": ["coupler", 7]}, {"locked_passive": [4, 7]}),
     ],
 )
-def test_a_name_means_the_number_it_stands_for(named, numbered):
-    assert made().with_failures(**named).failures == made(None).with_failures(**numbered).failures
+def test_a_name_is_equivalent_to_its_number(listed, numbered):
+    assert made().with_failures(**listed).failures == made(None).with_failures(**numbered).failures
 
 
 @pytest.mark.parametrize(
-    ("failures", "said"),
+    ("failures", "message"),
     [
         ({"locked": ["kne"]}, "'kne': the nearest is 'knee'"),
         ({"free": ["xyz"]}, "there are hip, hip_motor, knee, pull, push, roll"),
@@ -54,34 +54,34 @@ def test_a_name_means_the_number_it_stands_for(named, numbered):
         ({"locked_passive": ["hip", 1]}, "got the actuated hip, knee: put"),
     ],
 )
-def test_a_wrong_name_is_one_sentence_that_says_what_to_write(failures, said):
+def test_a_wrong_name_raises_one_sentence_with_advice(failures, message):
     with pytest.raises(ValueError, match=f"^{next(iter(failures))} must|^an actuator") as error:
         made().with_failures(**failures)
-    assert error.match(said)
+    assert error.match(message)
     with pytest.raises(ValueError, match=r"must be numbers .*ConstrainedSystem\.of"):
         made(None).with_failures(locked_passive=["knee"])
 
 
-def test_actuators_without_names_are_said_by_number():
-    for system, said in [(of(["hip", ""], [(), ()]), "hip, 1"), (made(None), r"\[0, 1\]")]:
-        with pytest.raises(ValueError, match=f"got both for {said}"):
+def test_actuators_without_names_are_listed_by_number():
+    for system, message in [(of(["hip", ""], [(), ()]), "hip, 1"), (made(None), r"\[0, 1\]")]:
+        with pytest.raises(ValueError, match=f"got both for {message}"):
             system.with_failures(locked=[0, 1], free=[0, 1])
 
 
-def test_names_of_another_number_are_refused():
+def test_a_wrong_number_of_names_raises():
     with pytest.raises(ValueError, match="8 velocities and 3 actuators, got 8 and 4"):
         ConstrainedSystem(np.ones((1, 8)), None, [0, 1, 2], names=NAMES)
 
 
-def test_the_atlas_speaks_and_understands_names():
+def test_the_atlas_accepts_and_lists_names():
     atlas, unnamed = failure_atlas(made(), [0]), failure_atlas(made(None), [0])
-    assert atlas.describe(0) == unnamed.describe(0) == "sound"
+    assert atlas.describe(0) == unnamed.describe(0) == "healthy"
     row = atlas.row(locked=["knee"], free=["hip_motor"])
     assert atlas.describe(row) == "knee locked, hip free"
     assert unnamed.row(locked=[1], free=[0]) == row
     assert unnamed.describe(row) == "actuator 1 locked, actuator 0 free"
-    for code, words in zip(atlas.codes, map(atlas.describe, range(81)), strict=True):
-        pieces = [] if words == "sound" else words.split(", ")
+    for code, labels in zip(atlas.codes, map(atlas.describe, range(81)), strict=True):
+        pieces = [] if labels == "healthy" else labels.split(", ")
         locked, free = (
             [piece.removesuffix(end) for piece in pieces if piece.endswith(end)]
             for end in (" locked", " free")
@@ -92,13 +92,13 @@ def test_the_atlas_speaks_and_understands_names():
 
 
 def test_sentences_name_the_joints_concerned():
-    """Geared hip and knee forbid each other; a rod spins by its two ball joints; a slide is out."""
+    """Check geared hip and knee, a rod that spins in two ball joints, and an unreachable slide."""
     J_C = np.array([[2.0, -1.0, 0, 0, 0], [0, 0, 0, 1.0, -1.0]])
     joints = "hip", "knee", "slide", "ball", "socket"
     report = of(joints, (("m",), (), ()), J_C).kinematics().manipulability([0])
     sentences = {name: finding.sentence for name, finding in report.findings.items()}
     assert "(of hip, knee)" in sentences["constrained_active"]
-    assert "(of ball, socket)" in sentences["idle"]
+    assert "(of ball, socket)" in sentences["unobservable"]
     without = ConstrainedSystem(np.eye(1, 5), J_C, [0, 1, 2]).kinematics().manipulability([0])
     assert "(" not in str(without)
     assert report.gaps == without.gaps
@@ -109,12 +109,14 @@ def test_sentences_name_the_joints_concerned():
     # A cable called "hip" like the joint is its motor m1, also after a failure of the joint.
     meshed = of(("hip", "hip", "rod"), (("m0",), ("m1",)), [[0.0, 1.0, -2.0]])
     failed = meshed.with_failures(locked=["m0"], free=["m1"])
-    assert "(of m1, rod)" in failed.kinematics().manipulability([0]).findings["idle"].sentence
+    assert (
+        "(of m1, rod)" in failed.kinematics().manipulability([0]).findings["unobservable"].sentence
+    )
 
 
 @given(st.data())
-def test_each_actuator_has_a_word_of_its_own_that_means_it_alone(data):
-    """Whatever joints and actuators are called, even like the words made for others."""
+def test_each_actuator_has_a_unique_label(data):
+    """Check any names of joints and actuators, including names like the generated labels."""
     name = st.sampled_from(["", "a", "b", "c", "a (0)", "b (1)", "a (0) (0)"])
     driving = st.lists(name, max_size=2).map(tuple)
     n = data.draw(st.integers(1, 5))
@@ -128,7 +130,7 @@ def test_each_actuator_has_a_word_of_its_own_that_means_it_alone(data):
         if word == f"actuator {k}":
             assert not joints[k] and not any(motors[k])
             continue
-        alike = [(joint, tuple(filter(None, m))) for joint, m in zip(joints, motors, strict=True)]
-        servo = {i for i in range(n) if alike[i] == alike[k]} if alike[k][1] else {k}
+        equal = [(joint, tuple(filter(None, m))) for joint, m in zip(joints, motors, strict=True)]
+        servo = {i for i in range(n) if equal[i] == equal[k]} if equal[k][1] else {k}
         assert meant.setdefault(word, frozenset(servo)) == servo
         assert system.with_failures(locked=[word]).failures.locked == servo

@@ -1,4 +1,4 @@
-"""One rank decision: where each verdict flips, how far away that is, and who agrees on it."""
+"""Test the rank decision: where it changes, its gap, and its use by all results."""
 
 import dataclasses
 import itertools
@@ -23,13 +23,13 @@ from prioritized import (
 from prioritized._solver.rank import RANK_TOLERANCE
 from tests import spaces
 from tests.profiles import scaled
-from tests.random_systems import SEEDS, major_and_rest, of_rank, orthogonal
+from tests.random_systems import SEEDS, major_and_secondary, of_rank, orthogonal
 
 # Where verdicts flip.
 
 
 def expect(decision: tuple[bool, float], sigma: float, scale: float) -> None:
-    """The rank decision (counts, gap) on the singular value sigma of a matrix made from `scale`."""
+    """Return the rank decision (counts, gap) on a singular value of a matrix of this scale."""
     distance = sigma / (scale * RANK_TOLERANCE)
     assume(abs(np.log10(distance)) > 0.05)  # round-off moves sigma by 1e-16: 1e-6 of the threshold
     counts, gap = decision
@@ -39,8 +39,8 @@ def expect(decision: tuple[bool, float], sigma: float, scale: float) -> None:
 
 
 @given(SEEDS, st.floats(2, 14), st.floats(-3, 3))
-def test_verdicts_flip_where_singular_values_cross_the_tolerance(seed, nearness, unit):
-    """At sigma / scale = rank_tolerance, nowhere else; the gap is the factor to that point."""
+def test_ranks_change_where_singular_values_cross_the_tolerance(seed, nearness, unit):
+    """Check sigma / scale = rank_tolerance; the gap is the factor to that point."""
     small, size = 10.0**-nearness, 10.0**unit
     U, V = (orthogonal(np.random.default_rng(seed + k), 2) for k in (0, 1))
     weak = size * U @ np.diag([1.0, small]) @ V.T
@@ -64,7 +64,7 @@ def test_verdicts_flip_where_singular_values_cross_the_tolerance(seed, nearness,
     loops = np.hstack([np.zeros((2, 1)), weak])
     report = ConstrainedSystem(np.zeros((1, 3)), loops, [0]).kinematics().manipulability([0])
     expect((not report.irresolvable, report.gaps["irresolvable"]), size * small, norm)
-    assert report.idle == report.irresolvable
+    assert report.unobservable == report.irresolvable
 
     # As active columns: a second forbidden rate.
     report = ConstrainedSystem(np.eye(2), weak, [0, 1]).kinematics().manipulability([0])
@@ -85,8 +85,8 @@ def test_verdicts_flip_where_singular_values_cross_the_tolerance(seed, nearness,
 
 
 @given(SEEDS, st.floats(0, 8))
-def test_what_fast_passive_joints_leave_of_each_other_is_no_motion(seed, exponent):
-    """Two passive rates of 10^k per active rate, and the task sees their difference: 1e-16 10^k.
+def test_round_off_of_fast_passive_joints_is_no_motion(seed, exponent):
+    """Check the difference of two passive rates of 10^k per active rate: round-off of 1e-16 10^k.
 
     J is decided against the size of its terms; against J_T alone this round-off would be a motion.
     """
@@ -102,8 +102,8 @@ def test_what_fast_passive_joints_leave_of_each_other_is_no_motion(seed, exponen
     assert kin.velocity_mapping([0]).rank == 0
 
 
-def test_the_rank_is_decided_against_the_scale_given_and_one_tolerance():
-    """Not against what is left of a difference; directions 3e-10 apart are one at 1e-8."""
+def test_the_rank_is_decided_with_the_given_scale_and_tolerance():
+    """Check a small difference of large terms, and directions 3e-10 apart at tolerance 1e-8."""
     left_over = 1e-17 * np.ones((1, 3))
     assert velocity_mapping(left_over, [0], scale=1.0).rank == 0
     assert velocity_mapping(left_over, [0]).rank == 1
@@ -114,26 +114,26 @@ def test_the_rank_is_decided_against_the_scale_given_and_one_tolerance():
 # Who agrees.
 
 NEAR = st.floats(-1.0, 2.0)
-"""Exponent of a singular value in multiples of what counts as zero: 0.1 to 100."""
+"""Exponents of singular values in multiples of the threshold: 0.1 to 100."""
 
 
-def nearly_held(seed: int, nearness: float, m: int, columns: int) -> Kinematics:
-    """An arm of m task rows whose passive columns hardly move the task, each a little differently.
+def nearly_fixed(seed: int, nearness: float, m: int, columns: int) -> Kinematics:
+    """Return an arm of m task rows whose passive columns hardly move the task, each differently.
 
     Of several columns the first may move it well.
     """
     rng = np.random.default_rng(seed)
-    active, kept = rng.normal(size=(m, 4)), min(m, columns)
-    sigma = 10.0 ** (nearness + rng.uniform(-0.5, 0.5, size=kept)) * RANK_TOLERANCE
-    if kept > 1 and rng.random() < 0.5:
+    active, retained = rng.normal(size=(m, 4)), min(m, columns)
+    sigma = 10.0 ** (nearness + rng.uniform(-0.5, 0.5, size=retained)) * RANK_TOLERANCE
+    if retained > 1 and rng.random() < 0.5:
         sigma[0] = 1.0
-    passive = orthogonal(rng, m)[:, :kept] * sigma @ orthogonal(rng, columns)[:kept]
+    passive = orthogonal(rng, m)[:, :retained] * sigma @ orthogonal(rng, columns)[:retained]
     J_T = np.hstack([active, np.linalg.norm(active) * passive])
     return ConstrainedSystem(J_T, None, range(4)).kinematics()
 
 
 def nearly_constrained(seed: int, nearness: float, m: int, columns: int) -> Kinematics:
-    """Loops that forbid one active rate by hardly more, or less, than what counts as zero."""
+    """Return loops that constrain one active rate by slightly more, or less, than the threshold."""
     rng = np.random.default_rng(seed)
     J_Cp = of_rank(rng, columns + 1, columns, columns)
     follow, forbidden = rng.normal(size=(columns, 4)), rng.normal(size=(1, 4))
@@ -142,28 +142,33 @@ def nearly_constrained(seed: int, nearness: float, m: int, columns: int) -> Kine
     return ConstrainedSystem(rng.normal(size=(m, 4 + columns)), J_C, range(4)).kinematics()
 
 
-@pytest.mark.parametrize("near", [nearly_held, nearly_constrained])
+@pytest.mark.parametrize("near", [nearly_fixed, nearly_constrained])
 @given(SEEDS, NEAR, st.integers(1, 6), st.integers(1, 3), st.data())
 def test_power_balances_at_any_gap(near, seed, nearness, m, columns, data):
-    """Force times velocity is torque times rate, for whatever motion the report admits."""
+    """Check force times velocity = torque times rate, for any motion that the report admits."""
     kin, rng = near(seed, nearness, m, columns), np.random.default_rng(seed)
-    major, rest = major_and_rest(data, m)
-    mapping = kin.force_mapping(major, None, rng.uniform(0.5, 2, 4), rng.uniform(0.5, 2, len(rest)))
-    aims = [rng.normal(size=size) for size in (len(major), 4, len(rest))]
-    torques, f = mapping(*aims), np.empty(m)
-    f[major], f[rest] = aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims)
+    major, others = major_and_secondary(data, m)
+    mapping = kin.force_mapping(
+        major, None, rng.uniform(0.5, 2, 4), rng.uniform(0.5, 2, len(others))
+    )
+    targets = [rng.normal(size=size) for size in (len(major), 4, len(others))]
+    torques, f = mapping(*targets), np.empty(m)
+    f[major], f[others] = (
+        targets[0] - mapping.residual(targets[0]),
+        mapping.secondary_force(*targets),
+    )
     Z = spaces.null(kin.active_constraint)
     rates = Z @ rng.normal(size=Z.shape[1])
     v = kin.J @ rates + kin.self_motion @ rng.normal(size=kin.self_motion.shape[1])
-    size = np.linalg.norm(np.concatenate(aims)) * np.linalg.norm(v)
+    size = np.linalg.norm(np.concatenate(targets)) * np.linalg.norm(v)
     size += np.linalg.norm(torques) * np.linalg.norm(rates)
     assert abs(f @ v - torques @ rates) <= 1e-9 * size
 
 
 @given(SEEDS, NEAR, st.integers(1, 6), st.integers(1, 3))
 def test_report_and_mappings_agree_on_the_self_motion_of_the_task(seed, nearness, m, columns):
-    """With every row major: it is the task's self-motion or none, and no force acts on it."""
-    kin, rows = nearly_held(seed, nearness, m, columns), list(range(m))
+    """Check that with every row major the self-motion is that of the task, without force on it."""
+    kin, rows = nearly_fixed(seed, nearness, m, columns), list(range(m))
     report = kin.manipulability(rows)
     assert report.bases["unstable"].shape == report.bases["unstable_major"].shape
     velocity, force = kin.velocity_mapping(rows), kin.force_mapping(rows)
@@ -180,14 +185,14 @@ FLAGS = (
 
 
 def weak(rng: np.random.Generator, rows: int, columns: int) -> np.ndarray:
-    """A matrix of which half the singular values lie between 1e-3 and 1e-9."""
+    """Return a matrix with half of its singular values between 1e-3 and 1e-9."""
     k = min(rows, columns)
     sigma = np.where(rng.random(k) < 0.5, 1.0, 10.0 ** -rng.uniform(3, 9, size=k))
     return orthogonal(rng, rows)[:, :k] * sigma @ orthogonal(rng, columns)[:k]
 
 
 def mechanisms(seed: int) -> Iterator[ConstrainedSystem]:
-    """Of three actuators and any loops, tolerances among the singular values."""
+    """Sample three actuators and any loops, with tolerances among the singular values."""
     rng = np.random.default_rng(seed)
     while True:
         c, accuracy = int(rng.integers(0, 5)), 10.0 ** -rng.uniform(5, 9)
@@ -196,14 +201,14 @@ def mechanisms(seed: int) -> Iterator[ConstrainedSystem]:
 
 
 def conditions(system: ConstrainedSystem) -> Iterator[tuple[tuple[int, ...], Kinematics]]:
-    """Every condition of three actuators, as of an atlas."""
+    """Return every condition of three actuators, as of an atlas."""
     for code in itertools.product(range(3), repeat=3):
         locked, free = ([k for k in range(3) if code[k] == what] for what in (1, 2))
         yield code, system.with_failures(locked, free).kinematics()
 
 
 @pytest.mark.parametrize("seed", range(scaled(20)))
-def test_atlas_report_and_mappings_agree_however_weak_a_direction_is(seed):
+def test_atlas_report_and_mappings_agree_on_weak_directions(seed):
     rows = [0, 1]
     for system in itertools.islice(mechanisms(seed), 5):
         atlas = failure_atlas(system, rows)
@@ -220,8 +225,8 @@ def test_atlas_report_and_mappings_agree_however_weak_a_direction_is(seed):
 
 
 @pytest.mark.parametrize(("seed", "number"), [(22, 68), (25, 7), (28, 77), (33, 10)])
-def test_no_mapping_and_no_hierarchy_moves_along_what_counts_as_lost(seed, number):
-    """Loops of condition 1e4 hand on other rows than those that were decided on."""
+def test_no_mapping_or_hierarchy_moves_along_unreachable_directions(seed, number):
+    """Check loops of condition 1e4, whose rows for solvers differ from those decided on."""
     system = next(itertools.islice(mechanisms(seed), number, None))
     for code, kin in conditions(system):
         mapping = kin.velocity_mapping([0, 1], joint_weight=np.ones(len(kin.active)))
@@ -236,8 +241,8 @@ def test_no_mapping_and_no_hierarchy_moves_along_what_counts_as_lost(seed, numbe
 
 
 @given(st.floats(-13, -7), st.booleans())
-def test_no_verdict_is_safer_than_the_decision_that_closes_the_loop(exponent, more):
-    """Whether a loop holds a passive joint at all is decided first; every verdict rests on it."""
+def test_no_gap_exceeds_that_of_the_loop_closure(exponent, more):
+    """Check that gaps include the first decision, whether a loop determines a passive joint."""
     weak = 10.0**exponent
     t = 2e-10 if more else 1e-10
     system = ConstrainedSystem([[1, 1]], [[1, weak]], [0], rank_tolerance=t)
@@ -250,8 +255,8 @@ def test_no_verdict_is_safer_than_the_decision_that_closes_the_loop(exponent, mo
 
 
 @given(st.floats(-9, 0))
-def test_a_fast_passive_joint_that_no_task_row_sees_hides_nothing(exponent):
-    """The rotor of a screw of any lead: it turns fast, and no task row knows."""
+def test_a_fast_passive_joint_without_effect_on_the_task_changes_no_rank(exponent):
+    """Check the rotor of a screw of any lead, which turns fast without effect on the task."""
     lead = 10.0**exponent
     system = ConstrainedSystem([[1, 0, 0], [0, 1e-5, 0]], [[1, 0, -lead]], [0, 1])
     report = system.kinematics().manipulability([0, 1])
@@ -261,8 +266,8 @@ def test_a_fast_passive_joint_that_no_task_row_sees_hides_nothing(exponent):
 
 
 @pytest.mark.parametrize("w", [1e9, 1e11])
-def test_weights_and_metrics_that_are_lost_beside_others_show_in_the_gap(w):
-    """Beside 1e11 a joint weight of one counts as zero; beside 1 an inertia of 1e-11."""
+def test_relatively_small_weights_and_metrics_reduce_the_gap(w):
+    """Check a joint weight of 1 with one of 1e11, and an inertia of 1e-11 with one of 1."""
     J = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
     velocity = velocity_mapping(J, [0], joint_weight=np.ones(3), secondary_weight=[w])
     assert velocity([0.0], joint_velocity=[0.0, 0.0, 5.0])[2] == pytest.approx(5.0 * (w < 1e10))
@@ -289,15 +294,15 @@ def test_the_accuracy_sets_the_tolerance_and_stays_visible():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_tolerance_of_zero_divides_by_no_zero(seed):
-    """Of a loop that is written twice round-off counts, where there is any."""
+    """Check a duplicated loop, whose round-off counts."""
     J = np.random.default_rng(seed).normal(size=(4, 5))
     system = ConstrainedSystem(J[:3], J[[3, 3]], [0, 1, 2], rank_tolerance=0.0)
     assert np.isfinite(system.kinematics().passive_rates(np.zeros(3))).all()
 
 
 @pytest.mark.parametrize("batched", [False, True])
-def test_joint_weights_are_exact_whatever_the_geometry(batched):
-    """A hot actuator spared 1e5 times as much as another, on a robot known to 1e-4."""
+def test_joint_weights_are_exact_for_any_geometry(batched):
+    """Check a weight ratio of 1e5 on a robot known to 1e-4."""
     for seed in range(5):
         rng = np.random.default_rng(seed)
         J, target = rng.normal(size=(2, 5)), rng.normal(size=2)
@@ -316,12 +321,12 @@ AXES = np.eye(3)
 
 
 def hinge(axis: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Twist [omega; v] of the payload origin per rate of a hinge."""
+    """Return the twist [omega; v] of the payload origin per rate of a hinge."""
     return np.concatenate([axis, np.cross(axis, -point)])
 
 
 def leg(base: np.ndarray, top: np.ndarray) -> np.ndarray:
-    """Ball joint, slide along the strut, ball joint: its strut can spin. Balls turn about AXES."""
+    """Return ball joint, slide along the strut, ball joint: the strut can spin. Balls use AXES."""
     strut = (top - base) / np.linalg.norm(top - base)
     slide = np.concatenate([np.zeros(3), strut])
     below, above = ([hinge(axis, point) for axis in AXES] for point in (base, top))
@@ -329,7 +334,7 @@ def leg(base: np.ndarray, top: np.ndarray) -> np.ndarray:
 
 
 def platform(bases: np.ndarray, tops: np.ndarray) -> ConstrainedSystem:
-    """A payload on S-P-S legs: its twist is that of the first leg, and the others must agree."""
+    """Return a payload on S-P-S legs: its twist is that of the first leg, equal to the others."""
     legs = [leg(base, top) for base, top in zip(bases, tops, strict=True)]
     N = 7 * len(legs)
     J_T = np.hstack([legs[0], np.zeros((6, N - 7))])
@@ -346,7 +351,7 @@ GEOMETRIES = st.sampled_from(["general", "flat", "one top", "parallel"])
 
 
 def points(geometry: str, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Base and top points; all but the general ones are singular by symmetry."""
+    """Return base and top points; all but the general ones are singular by symmetry."""
     bases, tops = rng.uniform(-1, 1, size=(2, count, 3)) + np.array([[[0, 0, -2]], [[0, 0, 2]]])
     if geometry == "flat":  # all struts in one plane: nothing pushes across it
         bases[:, 1] = tops[:, 1] = 0.0
@@ -364,8 +369,10 @@ def points(geometry: str, rng: np.random.Generator, count: int) -> tuple[np.ndar
     st.tuples(DEGREES, DEGREES, DEGREES),
     st.data(),
 )
-def test_a_tilted_mechanism_gets_the_verdicts_of_the_upright_one(seed, geometry, legs, tilt, data):
-    """Products that vanish upright leave round-off when tilted; no verdict may chase it."""
+def test_a_tilted_mechanism_has_the_classification_of_the_upright_one(
+    seed, geometry, legs, tilt, data
+):
+    """Check that products that vanish when upright are round-off when tilted."""
     rng = np.random.default_rng(seed)
     bases, tops = points(geometry, rng, legs)
     R = Rotation.from_euler("xyz", tilt, degrees=True).as_matrix()

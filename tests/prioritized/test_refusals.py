@@ -1,4 +1,4 @@
-"""Wrong input that would pass for numbers, or mean another task, raises and says what it must be.
+"""Test that invalid input raises an error that names the expected value.
 
 All else that is hostile is in `test_hostile.py`.
 """
@@ -14,7 +14,7 @@ from prioritized import ConstrainedSystem, failure_atlas, force_mapping, velocit
 
 J = np.array([[1.0, 0.0, 2.0], [0.0, 1.0, 0.0]])
 SYSTEM = ConstrainedSystem(J, None, [0, 1])
-"""Two motors and a loose hinge."""
+"""System of two motors and a loose hinge."""
 ALONG = ([0], [0, 1], [[1.0, 1.0], [1.0, -1.0]])
 """Secondary directions along the major one."""
 ROWS = [([-1], r"must lie in 0\.\.1"), ([0, 0], "must not repeat")]
@@ -22,7 +22,7 @@ NO_METRIC = [
     (np.triu(np.ones((3, 3))), "must be a diagonal of 3 or a symmetric matrix"),
     ([1.0, 1.0, -1.0], "no negative eigenvalue, got -1"),
 ]
-"""Energy theta^T K theta / 2 is that of a symmetric K, and it is not negative."""
+"""Matrices that are not symmetric or not positive semidefinite."""
 CALLS = {
     "velocity_mapping": lambda **a: velocity_mapping(**{"J": J, "major": [0]} | a),
     "force_mapping": lambda **a: force_mapping(**{"J": J, "major": [0]} | a),
@@ -38,17 +38,17 @@ TABLE: list[tuple[str, str, Any, str]] = [
     ("velocity_mapping", "major_metric", [0.0], "must weigh every major direction"),
     *(("velocity_mapping", f"{of}_weight", np.zeros(0), "shape") for of in ("joint", "secondary")),
     # It would cancel the major force, and every torque would come out zero.
-    *(("force_mapping", "secondary", along, "must leave out the major") for along in ALONG),
+    *(("force_mapping", "secondary", along, "must exclude the major") for along in ALONG),
     *(("system", "stiffness", *row) for row in NO_METRIC),
     *(("kinematics", "passive_metric", *row) for row in NO_METRIC),
-    *(("atlas", "codes", [[0, code]], r"must be 0 \(sound\), 1 \(locked\)") for code in (0.5, 3)),
+    *(("atlas", "codes", [[0, code]], r"must be 0 \(healthy\), 1 \(locked\)") for code in (0.5, 3)),
     *((call, kind, [-1], "") for call in ("with_failures", "row") for kind in ("locked", "free")),
 ]
 
 
-@pytest.mark.parametrize(("call", "name", "value", "said"), TABLE)
-def test_wrong_input_is_refused_by_name(call, name, value, said):
-    with pytest.raises(ValueError, match=f"{name} .*{said}"):
+@pytest.mark.parametrize(("call", "name", "value", "message"), TABLE)
+def test_invalid_input_raises_with_its_name(call, name, value, message):
+    with pytest.raises(ValueError, match=f"{name} .*{message}"):
         CALLS[call](**{name: value})
 
 
@@ -59,7 +59,7 @@ SHAPES |= {"major_metric": (1, 1), "tie_metric": (3, 3), "scale": (1, 1), "rank_
 
 @given(st.sampled_from([np.nan, np.inf, -np.inf]), st.sampled_from(sorted(SHAPES)), st.data())
 def test_one_number_that_is_not_finite_is_enough(bad, name, data):
-    """Wherever it hides in whatever argument of the force mapping, it is named, never passed on."""
+    """Check a non-finite number anywhere in any argument of the force mapping."""
     value = np.ones(SHAPES[name])
     value[tuple(data.draw(st.integers(0, size - 1)) for size in value.shape)] = bad
     arguments: dict[str, Any] = {"J": J, "major": [0]} | {name: value}
@@ -68,19 +68,19 @@ def test_one_number_that_is_not_finite_is_enough(bad, name, data):
 
 
 def test_round_off_in_a_product_is_no_negative_eigenvalue():
-    """R^T R is known to 1e-16 of its norm: zero may come out just below."""
+    """Check R^T R, whose zero eigenvalues may be slightly negative."""
     R = np.random.default_rng(0).normal(size=(1, 3))
     ConstrainedSystem(J, None, [0, 1], stiffness=R.T @ R - 1e-16 * np.eye(3))
 
 
 @pytest.mark.parametrize("secondary", ALONG)
 def test_a_secondary_velocity_may_lie_along_the_major_one(secondary):
-    """Only the force mapping refuses it."""
+    """Check that only the force mapping refuses it."""
     assert velocity_mapping(J, [0], secondary, secondary_weight=np.ones(len(secondary)))
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def test_products_of_large_numbers_that_overflow_are_refused():
+def test_overflowing_products_raise():
     huge = np.full((2, 3), 9e119)
     mapping = velocity_mapping(huge, huge[:1, :2], major_metric=[[9e119]])
     with pytest.raises(ValueError, match="J, weights and metrics must have finite products"):

@@ -1,4 +1,4 @@
-"""Balance of power: what the actuators spend is what the task receives, eq. (4)."""
+"""Test the balance of power between actuators and task, eq. (4)."""
 
 import numpy as np
 from hypothesis import given
@@ -19,18 +19,20 @@ from tests.random_systems import (
 
 
 @given(st.data(), systems(), st.booleans())
-def test_force_times_velocity_is_torque_times_rate_for_every_motion(data, drawn, oblique):
-    """Through self-motion, redundant rows, failures; f . v = f_m . v_m + f_s . v_s of any basis."""
-    system = data.draw(failures(drawn.system))
-    kin, rng = system.kinematics(), drawn.rng
+def test_force_times_velocity_is_torque_times_rate_for_every_motion(data, sample, oblique):
+    """Check self-motion, redundant rows, failures; f . v = f_m . v_m + f_s . v_s in any basis."""
+    system = data.draw(failures(sample.system))
+    kin, rng = system.kinematics(), sample.rng
     m, n = kin.J.shape
     m1 = data.draw(st.integers(1, m))
     S = of_rank(rng, m, m, m) if oblique else np.eye(m)[data.draw(st.permutations(range(m)))]
     W3, W4 = data.draw(weights(n, rng)), data.draw(weights(m - m1, rng))
     mapping = kin.force_mapping(S[:m1], S[m1:], W3, W4)
-    aims = [rng.normal(size=size) for size in (m1, n, m - m1)]
-    torques = mapping(*aims)
-    f = S.T @ np.append(aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims))
+    targets = [rng.normal(size=size) for size in (m1, n, m - m1)]
+    torques = mapping(*targets)
+    f = S.T @ np.append(
+        targets[0] - mapping.residual(targets[0]), mapping.secondary_force(*targets)
+    )
 
     theta_dot = spaces.motions(system)  # each column a motion, all of them together any motion
     v, rates = system.J_T @ theta_dot, theta_dot[kin.active]
@@ -43,10 +45,10 @@ def test_force_times_velocity_is_torque_times_rate_for_every_motion(data, drawn,
 
 
 @given(st.data(), systems(), st.booleans())
-def test_the_constraint_forces_of_a_mapping_balance_every_joint(data, drawn, elastic):
-    """Eq. (5) whole, with springs: [torques; 0] = J_T^T f + [J_C; E]^T f_C + K theta."""
-    system = data.draw(failures(drawn.system))
-    N, rng = system.J_T.shape[1], drawn.rng
+def test_the_constraint_forces_of_a_mapping_balance_every_joint(data, sample, elastic):
+    """Check eq. (5) with springs: [torques; 0] = J_T^T f + [J_C; E]^T f_C + K theta."""
+    system = data.draw(failures(sample.system))
+    N, rng = system.J_T.shape[1], sample.rng
     K = np.zeros((N, N))
     if elastic:
         R = data.draw(springs(N, rng))
@@ -55,14 +57,14 @@ def test_the_constraint_forces_of_a_mapping_balance_every_joint(data, drawn, ela
     kin = system.kinematics()
     m, n = kin.J.shape
     mapping = kin.force_mapping([0], None, np.ones(n), np.ones(m - 1))
-    aims = [rng.normal(size=size) for size in (1, n, m - 1)]
-    torques = mapping(*aims)
-    f = np.append(aims[0] - mapping.residual(aims[0]), mapping.secondary_force(*aims))
+    targets = [rng.normal(size=size) for size in (1, n, m - 1)]
+    torques = mapping(*targets)
+    f = np.append(targets[0] - mapping.residual(targets[0]), mapping.secondary_force(*targets))
     # Springs under the load f with every active joint held; oracle: least energy, densely.
     Z = spaces.self_motions(system, kin)
-    held, directions = np.linalg.eigh(Z.T @ K @ Z)
-    stretched = Z @ directions[:, held > ZERO]
-    theta = -stretched @ ((stretched.T @ system.J_T.T @ f) / held[held > ZERO])
+    fixed, directions = np.linalg.eigh(Z.T @ K @ Z)
+    stretched = Z @ directions[:, fixed > ZERO]
+    theta = -stretched @ ((stretched.T @ system.J_T.T @ f) / fixed[fixed > ZERO])
     loaded, closing = system.J_T.T @ f + K @ theta, spaces.closure(system).T
     on_joints = loaded + closing @ kin.constraint_force(f, torques)
     np.testing.assert_allclose(on_joints[kin.active], torques, atol=1e-6)
@@ -77,9 +79,9 @@ def test_the_constraint_forces_of_a_mapping_balance_every_joint(data, drawn, ela
 
 
 @given(st.data(), systems())
-def test_the_reaction_is_every_force_that_does_no_work_on_any_motion(data, drawn):
-    """Such forces change no torque beyond what merely squeezes the loops, C^T eta."""
-    system = data.draw(failures(drawn.system))
+def test_the_reaction_is_every_force_that_does_no_work_on_any_motion(data, sample):
+    """Check that such forces change torques only by C^T eta, which compresses the loops."""
+    system = data.draw(failures(sample.system))
     kin = system.kinematics()
     major = rows_of(data, len(system.J_T))
     mapping = kin.force_mapping(major, torque_weight=np.ones(len(kin.active)))

@@ -1,4 +1,4 @@
-"""Symmetric mechanisms: what is chosen among equals does not hang on the last bits of numbers.
+"""Test symmetric mechanisms: choices among equals do not depend on the last bits.
 
 Another processor computes other last bits. Here they are changed by hand: nothing that is a choice
 may change with them, and of equal things the one named first is chosen.
@@ -25,7 +25,7 @@ PROCESSORS = range(12)
 
 
 def legs(seed: int) -> np.ndarray:
-    """Heave of three equal legs, and a turn."""
+    """Return the heave of three equal legs, and a rotation."""
     return bits(np.random.default_rng(seed), np.array([[1.0, 1.0, 1.0], [2.0, -1.0, -1.0]]) / 3)
 
 
@@ -35,45 +35,47 @@ def kinematics(seed: int, J: np.ndarray) -> Kinematics:
 
 
 @pytest.mark.parametrize("when", ["least_squares", "scaled"])
-@pytest.mark.parametrize("asked", [1.0, 1.5])
-def test_equal_legs_that_are_at_their_limits_are_all_said_to_be(when, asked):
-    """Which of them the solver holds, the request being at or beyond the limit, is round-off."""
+@pytest.mark.parametrize("requested", [1.0, 1.5])
+def test_all_equal_legs_at_their_limits_are_reported(when, requested):
+    """Check requests at or beyond the limit; which bound the solver counts is round-off."""
     for seed in PROCESSORS:
         how = {"rate_limits": (-1, 1), "when_limited": when}
         mapping = velocity_mapping(legs(seed), [0], joint_weight=np.ones(3), **how)
-        found = mapping.solve([asked])
-        np.testing.assert_array_equal(found.active_limits, [1, 1, 1])
-        assert not found.gains.any()
+        result = mapping.solve([requested])
+        np.testing.assert_array_equal(result.active_limits, [1, 1, 1])
+        assert not result.gains.any()
         levels = kinematics(seed, legs(0)).hierarchy([Task(rows=[0])], rate_limits=(-1, 1))
-        np.testing.assert_array_equal(levels.solve([[asked]]).active_limits, [1, 1, 1])
-        bounded = lexicographic_least_squares([(legs(seed)[:1], [asked])], lower=-1.0, upper=1.0)
+        np.testing.assert_array_equal(levels.solve([[requested]]).active_limits, [1, 1, 1])
+        bounded = lexicographic_least_squares(
+            [(legs(seed)[:1], [requested])], lower=-1.0, upper=1.0
+        )
         np.testing.assert_array_equal(bounded.active, [1, 1, 1])
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_a_task_that_nothing_holds_back_is_whole(seed):
-    """A warm start may leave it short by a bit."""
+def test_an_unlimited_task_has_scale_one(seed):
+    """Check warm starts, which may differ by a bit."""
     rng = np.random.default_rng(seed)
-    J, asked = rng.normal(size=(2, 4)), rng.normal(size=2)
+    J, requested = rng.normal(size=(2, 4)), rng.normal(size=2)
     mapping = velocity_mapping(J, [0, 1], rate_limits=(-9, 9), when_limited="scaled")
-    again = mapping.solve(asked, start=mapping.solve(rng.normal(size=2)))
+    again = mapping.solve(requested, start=mapping.solve(rng.normal(size=2)))
     assert again.scale == 1.0 and again.status is Status.EXACT
 
 
-def test_the_joints_of_a_sentence_are_those_named_first():
-    """Eight equal legs in one closed sum: five are named."""
+def test_equal_joints_are_listed_in_order():
+    """Check eight equal legs in one closed sum: five are listed."""
     names = Names(tuple("abcdefgh"), tuple((name,) for name in "abcdefgh"))
-    said = set()
+    message = set()
     for seed in PROCESSORS:
         loop = bits(np.random.default_rng(seed), np.ones((1, 8)))
         system = ConstrainedSystem(np.eye(1, 8), loop, range(8), names=names)
-        said.add(str(system.kinematics().manipulability([0])))
-    (sentence,) = said
+        message.add(str(system.kinematics().manipulability([0])))
+    (sentence,) = message
     assert "a, b, c, d, e and 3 more" in sentence
 
 
-def test_the_atlas_of_equal_struts_has_one_basis_of_what_is_lost():
-    """Four struts of a task of four rows: any that fails loses a direction."""
+def test_the_atlas_of_equal_struts_has_one_basis_of_lost_directions():
+    """Check four struts of a task of four rows: each failure loses a direction."""
     parallel, lost = np.vstack([np.ones(4), np.eye(3, 4)]), []
     for seed in PROCESSORS:
         J = bits(np.random.default_rng(seed), parallel)
@@ -82,8 +84,8 @@ def test_the_atlas_of_equal_struts_has_one_basis_of_what_is_lost():
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_secondary_rows_that_no_one_gave_are_of_the_major_subspace_alone(seed):
-    """They are the coordinates of what the user weighs and asks for: not LAPACK's choice."""
+def test_default_secondary_rows_depend_on_the_major_subspace_alone(seed):
+    """Check that the default secondary coordinates do not depend on LAPACK."""
     rng = np.random.default_rng(seed)
     J, major = rng.normal(size=(5, 6)), rng.normal(size=(2, 5))
     weights = {"joint_weight": np.ones(6), "secondary_weight": [1.0, 2.0, 3.0]}
@@ -96,13 +98,13 @@ def test_secondary_rows_that_no_one_gave_are_of_the_major_subspace_alone(seed):
     np.testing.assert_allclose(by_matrix.secondary, by_rows.secondary, atol=1e-14)
 
 
-def test_corners_are_counted_once_and_begin_with_the_same():
-    """Six struts in three parallel pairs move a point in the plane: a hexagon, as three would."""
+def test_corners_are_distinct_and_start_with_the_same_one():
+    """Check six struts in three parallel pairs: the same hexagon as for three struts."""
     angle = np.pi / 3 * np.arange(6)
     struts = np.stack([np.cos(angle), np.sin(angle)])
     for seed in PROCESSORS:
-        found = kinematics(seed, struts).attainable([0, 1], rate_limits=(-1.0, 1.0)).vertices
+        result = kinematics(seed, struts).attainable([0, 1], rate_limits=(-1.0, 1.0)).vertices
         # Each pair reaches twice as far as a strut alone, and the three pairs add up.
-        np.testing.assert_allclose(found, 4 * struts.T, atol=1e-12)
+        np.testing.assert_allclose(result, 4 * struts.T, atol=1e-12)
         cube = kinematics(seed, np.eye(3)).attainable([0, 1, 2], rate_limits=(-1.0, 1.0)).vertices
         np.testing.assert_allclose(cube, list(product((-1.0, 1.0), repeat=3)), atol=1e-12)

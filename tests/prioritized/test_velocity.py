@@ -1,4 +1,4 @@
-"""The velocity mapping, Problem 1: oracles in all coordinates, optimality, units, damping."""
+"""Test the velocity mapping, Problem 1: oracles in all coordinates, optimality, units, damping."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from tests.random_systems import (
     SEEDS,
     as_matrix,
     failures,
-    major_and_rest,
+    major_and_secondary,
     of_rank,
     orthogonal,
     systems,
@@ -22,7 +22,7 @@ from tests.random_systems import (
 
 
 def theorem_3(J_m, J_s, W1, W2):
-    """Eq. (25), as printed: gains of v_md, and of the stacked [rates_d; v_sd]."""
+    """Evaluate eq. (25) as printed: gains of v_md, and of the stacked [rates_d; v_sd]."""
     J_m_pinv, N = pinv_and_null(J_m)
     K = N @ np.linalg.pinv(np.vstack([W1 @ N, W2 @ J_s @ N]))
     major = J_m_pinv - K @ np.vstack([W1 @ J_m_pinv, W2 @ J_s @ J_m_pinv])
@@ -30,14 +30,14 @@ def theorem_3(J_m, J_s, W1, W2):
 
 
 def theorem_4(J_m, W1):
-    """Eq. (28), as printed."""
+    """Evaluate eq. (28) as printed."""
     J_m_pinv, N = pinv_and_null(J_m)
     K = N @ np.linalg.pinv(W1 @ N) @ W1
     return J_m_pinv - K @ J_m_pinv, K
 
 
 def theorem_5(J_m, J_s, W2):
-    """Eq. (30), as printed."""
+    """Evaluate eq. (30) as printed."""
     J_m_pinv, N = pinv_and_null(J_m)
     A, B = W2 @ J_s @ N, W2 @ J_s @ J_m_pinv
     NA = N @ scipy.linalg.null_space(A)
@@ -57,41 +57,47 @@ def test_theorems_3_4_and_5_are_special_cases(seed, m1, m2, extra):
     J = rng.normal(size=(m, n))
     J_m, J_s = J[:m1], J[m1:]
     W1, W2 = (rng.normal(size=(k, k)) + 3 * np.eye(k) for k in (n, m2))
-    v_m, aims = rng.normal(size=m1), {"joint": rng.normal(size=n), "secondary": rng.normal(size=m2)}
+    v_m, targets = (
+        rng.normal(size=m1),
+        {"joint": rng.normal(size=n), "secondary": rng.normal(size=m2)},
+    )
     for W, (major_gain, goals_gain), goals, atol in (
         ((W1, W2), theorem_3(J_m, J_s, W1, W2), ["joint", "secondary"], 1e-8),
         ((W1, None), theorem_4(J_m, W1), ["joint"], 1e-8),
         ((None, W2), theorem_5(J_m, J_s, W2), ["secondary"], 1e-6),
     ):
         mapping = velocity_mapping(J, major, None, *W)
-        rates = mapping(v_m, *aims.values())  # before there are gains: computed another way
-        expected = major_gain @ v_m + goals_gain @ np.concatenate([aims[goal] for goal in goals])
+        rates = mapping(v_m, *targets.values())  # before there are gains: computed another way
+        expected = major_gain @ v_m + goals_gain @ np.concatenate([targets[goal] for goal in goals])
         np.testing.assert_allclose(rates, expected, atol=10 * atol)
-        found = np.hstack([getattr(mapping, goal) for goal in goals])
+        result = np.hstack([getattr(mapping, goal) for goal in goals])
         np.testing.assert_allclose(mapping.major, major_gain, atol=atol)
-        np.testing.assert_allclose(found, goals_gain, atol=atol)
+        np.testing.assert_allclose(result, goals_gain, atol=atol)
 
 
 @given(st.data(), systems())
-def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, drawn):
-    """Active and passive rates at once, the loops as hard rows; nothing is eliminated."""
-    system = data.draw(failures(drawn.system))
-    kin, rng = system.kinematics(), drawn.rng
+def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, sample):
+    """Compare with active and passive rates together, the loops as hard rows."""
+    system = data.draw(failures(sample.system))
+    kin, rng = system.kinematics(), sample.rng
     m, n = kin.J.shape
-    major, rest = major_and_rest(data, m)
-    W1, W2 = data.draw(weights(n, rng)), data.draw(weights(len(rest), rng))
+    major, others = major_and_secondary(data, m)
+    W1, W2 = data.draw(weights(n, rng)), data.draw(weights(len(others), rng))
     M, T = of_rank(rng, len(major) + 1, len(major), len(major)), data.draw(weights(n, rng))
     mapping = kin.velocity_mapping(major, None, W1, W2, major_metric=M, tie_metric=T)
-    aims = [rng.normal(size=size) for size in (len(major), n, len(rest))]
-    rates = mapping(*aims)
+    targets = [rng.normal(size=size) for size in (len(major), n, len(others))]
+    rates = mapping(*targets)
 
     # xi of eq. (10) is nobody's to command: passive rates take no part in self-motion.
     hard = np.vstack([spaces.closure(system), spaces.self_motions(system, kin).T])
     J_T, to_rates = system.J_T, np.eye(system.J_T.shape[1])[kin.active]
-    W1, W2, T = as_matrix(W1, n), as_matrix(W2, len(rest)), as_matrix(T, n)
+    W1, W2, T = as_matrix(W1, n), as_matrix(W2, len(others)), as_matrix(T, n)
     levels = [
-        (M @ J_T[major], M @ aims[0]),
-        (np.vstack([W1 @ to_rates, W2 @ J_T[rest]]), np.concatenate([W1 @ aims[1], W2 @ aims[2]])),
+        (M @ J_T[major], M @ targets[0]),
+        (
+            np.vstack([W1 @ to_rates, W2 @ J_T[others]]),
+            np.concatenate([W1 @ targets[1], W2 @ targets[2]]),
+        ),
         (T @ to_rates, np.zeros(len(T))),
         (to_rates, np.zeros(n)),
     ]
@@ -100,12 +106,14 @@ def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, drawn):
     np.testing.assert_allclose(rates, best[kin.active], atol=1e-6)
     if n:
         np.testing.assert_allclose(kin.passive_rates(rates), best[kin.passive], atol=1e-6)
-    np.testing.assert_allclose(mapping.residual(aims[0]), aims[0] - J_T[major] @ best, atol=1e-6)
+    np.testing.assert_allclose(
+        mapping.residual(targets[0]), targets[0] - J_T[major] @ best, atol=1e-6
+    )
 
 
 @given(st.integers(1, 5), st.integers(1, 5), st.data(), SEEDS)
 def test_without_weights_the_gain_is_the_moore_penrose_inverse(m, n, data, seed):
-    """Penrose's four conditions, of any shape and rank: one matrix alone obeys them."""
+    """Check Penrose's four conditions, which determine the matrix, for any shape and rank."""
     rank = data.draw(st.integers(0, min(m, n)))
     size = 10.0 ** data.draw(st.integers(-100, 100))
     A = size * of_rank(np.random.default_rng(seed), m, n, rank)
@@ -138,7 +146,7 @@ SIZES = (5e-324, 1e-310, 1e-308, 1e-200, 1e-60, 1e60, 1e110)
 
 @pytest.mark.parametrize("size", SIZES)
 def test_a_common_factor_of_all_weights_changes_nothing(size):
-    """Ratios of 1, 2 and 4 are exact even among denormals; all at 1e-309 gave NaN, called exact."""
+    """Check ratios of 1, 2 and 4, exact even for denormals; factors of 1e-309 gave NaN."""
     J, v = np.random.default_rng(5).normal(size=(3, 4)), np.array([0.3, -0.2])
     W1, W2 = np.array([1.0, 2.0, 4.0, 1.0]), np.array([2.0])
     plain = velocity_mapping(J, [0, 1], joint_weight=W1, secondary_weight=W2)
@@ -160,8 +168,8 @@ def test_a_common_factor_of_all_weights_changes_nothing(size):
 
 
 @given(SEEDS, st.floats(0, 14), st.floats(0, 12), st.integers(0, 2))
-def test_damping_bounds_the_rates_however_near_the_singularity(seed, nearness, small, bound):
-    """Sigma / (sigma^2 + lambda^2) is at most 1 / (2 lambda); the loops stay closed."""
+def test_damping_bounds_the_rates_near_any_singularity(seed, nearness, small, bound):
+    """Check that sigma / (sigma^2 + lambda^2) <= 1 / (2 lambda), with closed loops."""
     rng = np.random.default_rng(seed)
     n, damping = 2 + bound, 10.0**-small
     C = of_rank(rng, bound, n, bound)
@@ -187,15 +195,15 @@ FADING = st.one_of(st.integers(0, 300), st.integers(153, 161))  # of these squar
 
 @given(SEEDS, st.integers(1, 3), FADING)
 @examples(200)
-def test_a_weight_beside_larger_ones_fades_to_none(seed, m2, exponent):
-    """Rates stay finite however small it is: at 1e-160 beside 3.3 they were infinite."""
+def test_a_relatively_small_weight_has_no_effect(seed, m2, exponent):
+    """Check that rates are finite: a weight of 1e-160 with one of 3.3 gave infinity."""
     rng = np.random.default_rng(seed)
     J, weights = rng.normal(size=(2 + m2, 4)), rng.uniform(0.5, 4, 4 + m2)
-    aims = [rng.normal(size=size) for size in (2, 4, m2)]
+    targets = [rng.normal(size=size) for size in (2, 4, m2)]
 
     def rates(at: int, factor: float) -> np.ndarray:
         own = weights * np.where(np.arange(4 + m2) == at, factor, 1.0)
-        return velocity_mapping(J, [0, 1], None, own[:4], own[4:])(*aims)
+        return velocity_mapping(J, [0, 1], None, own[:4], own[4:])(*targets)
 
     for at in range(4 + m2):
         small = rates(at, 10.0**-exponent)
@@ -205,8 +213,8 @@ def test_a_weight_beside_larger_ones_fades_to_none(seed, m2, exponent):
 
 
 @pytest.mark.parametrize("limits", [None, (-1.0, 1.0)])
-def test_a_goal_that_its_weight_makes_too_large_is_refused(limits):
-    """Each number alone is of a size that is taken; what came was never written."""
+def test_an_overflowing_product_of_goal_and_weight_raises(limits):
+    """Check numbers that are valid each, but whose product is not."""
     weights = {"joint_weight": np.ones(3), "secondary_weight": [2.5]}
     mapping = velocity_mapping(np.eye(2, 3), [0], rate_limits=limits, **weights)
     assert np.isfinite(mapping([0.1], secondary_velocity=[1e100])).all()

@@ -1,4 +1,4 @@
-"""The box of rates: what is in it can be kept up for ever, and what is not cannot."""
+"""Test the box of viable rates: from inside limits can be satisfied forever, from outside not."""
 
 from fractions import Fraction
 from typing import NamedTuple
@@ -34,7 +34,7 @@ class Joints(NamedTuple):
     T: float
 
     def box(self, x, v) -> RateBox:
-        """The box of joints at x with rates v."""
+        """Return the box of joints at x with rates v."""
         return viable_rates(
             x,
             v,
@@ -45,13 +45,13 @@ class Joints(NamedTuple):
         )
 
     def beyond(self, x):
-        """How far positions are beyond their limits, of the largest position allowed."""
+        """Return the violation of position limits, relative to the largest position allowed."""
         size = np.maximum(np.abs(self.x_min), np.abs(self.x_max))
         return np.maximum(self.x_min - x, x - self.x_max) / size
 
 
 def any_joints(rng, n, T=None) -> Joints:
-    """Limits over many decades; braking takes from one tick to thousands."""
+    """Sample limits over many decades; braking takes from one tick to thousands."""
 
     def size(low, high):
         return 10.0 ** rng.uniform(low, high, n)
@@ -65,28 +65,28 @@ def any_joints(rng, n, T=None) -> Joints:
 
 
 def kernel(last, slow, fast, down, up):
-    """States (i, j) on a lattice, 0 <= i <= last, slow <= j <= fast, that can be kept for ever.
+    """Return the lattice states (i, j), 0 <= i <= last, slow <= j <= fast, that are viable.
 
     The next is (i + k, k), j - down <= k <= j + up; what has none is removed until nothing changes.
     """
     rates = np.arange(slow, fast + 1)
-    kept = np.ones((last + 1, len(rates)), dtype=bool)
+    retained = np.ones((last + 1, len(rates)), dtype=bool)
     while True:
         # next_in[i, k]: whether rate k leads from position i to a state that is still kept
-        next_in = np.zeros_like(kept)
+        next_in = np.zeros_like(retained)
         for column, k in enumerate(rates):
             i = np.arange(max(0, -k), min(last, last - k) + 1)
-            next_in[i, column] = kept[i + k, column]
+            next_in[i, column] = retained[i + k, column]
         near = (rates >= rates[:, None] - down) & (rates <= rates[:, None] + up)
-        still = kept & (next_in @ near.T)
-        if (still == kept).all():
-            return kept
-        kept = still
+        still = retained & (next_in @ near.T)
+        if (still == retained).all():
+            return retained
+        retained = still
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_the_box_is_the_largest_by_dynamic_programming(seed):
-    """All rates that the box allows, and no others, lead to states that can be kept for ever.
+    """Check that exactly the rates in the box lead to viable states.
 
     Braking to rest takes rates of the lattice only, so that on it nothing is lost.
     """
@@ -94,7 +94,7 @@ def test_the_box_is_the_largest_by_dynamic_programming(seed):
     last, slow, fast = int(rng.integers(0, 60)), -int(rng.integers(0, 12)), int(rng.integers(0, 12))
     down, up = int(rng.integers(1, 5)), int(rng.integers(1, 5))
     h, T, origin = rng.uniform(0.1, 3.0), rng.uniform(1e-3, 2.0), rng.normal()
-    kept = kernel(last, slow, fast, down, up)
+    retained = kernel(last, slow, fast, down, up)
     i, j = np.mgrid[-8 : last + 9, slow - 9 : fast + 10]
     joints = Joints(
         *(origin, origin + last * h * T, slow * h, fast * h, -down * h / T, up * h / T), T=T
@@ -103,17 +103,17 @@ def test_the_box_is_the_largest_by_dynamic_programming(seed):
     some = np.zeros(i.shape, dtype=bool)
     for k in range(slow, fast + 1):
         inside = (i + k >= 0) & (i + k <= last) & (k >= j - down) & (k <= j + up)
-        allowed = inside & kept[np.where(inside, i + k, 0), k - slow]
+        allowed = inside & retained[np.where(inside, i + k, 0), k - slow]
         some |= allowed
         in_box = box.viable & (box.lower <= (k + 1e-9) * h) & (box.upper >= (k - 1e-9) * h)
         assert np.array_equal(in_box, allowed)
     on_lattice = (i >= 0) & (i <= last) & (j >= slow) & (j <= fast)
-    assert np.array_equal(some[on_lattice], kept.ravel())
+    assert np.array_equal(some[on_lattice], retained.ravel())
     assert np.array_equal(box.viable, some)
 
 
 def extreme_rate(joints: Joints, x: float, v: float, sign: int, ticks: int) -> float | None:
-    """Largest (sign 1) or smallest next rate of a future in which all limits hold, if any."""
+    """Return the largest (sign 1) or smallest next rate of a future in which all limits hold."""
     total = joints.T * np.tri(ticks)
     step = (np.eye(ticks) - np.eye(ticks, k=-1)) / joints.T
     before = np.append(v / joints.T, np.zeros(ticks - 1))
@@ -127,12 +127,12 @@ def extreme_rate(joints: Joints, x: float, v: float, sign: int, ticks: int) -> f
         ]
     )
     cost = -sign * np.eye(ticks)[0]
-    found = linprog(cost, rows, room, bounds=(joints.v_min, joints.v_max), method="highs")
-    return None if found.status == 2 else float(found.x[0])
+    result = linprog(cost, rows, room, bounds=(joints.v_min, joints.v_max), method="highs")
+    return None if result.status == 2 else float(result.x[0])
 
 
 def test_the_ends_of_the_box_are_the_extreme_rates_of_any_future():
-    """Where a linear program over 40 ticks finds no future, the box says so too."""
+    """Compare with a linear program over 40 ticks, also if it is infeasible."""
     rng = np.random.default_rng(0)
     for _ in range(scaled(100)):
         joints = Joints(
@@ -158,7 +158,7 @@ SIZES = st.floats(1e-9, 1e9)
     sign=st.sampled_from([-1, 1]),
 )
 def test_the_fastest_rate_stops_exactly_at_the_limit_in_any_units(steps, braking, period, sign):
-    """Braking from w, (w - a T), (w - 2 a T), ... to rest covers the distance, summed exactly."""
+    """Check that braking from w, (w - a T), (w - 2 a T), ... to rest covers the distance."""
     a, T = Fraction(braking), Fraction(period)
     w, distance = steps * a * T, Fraction(0)
     for k in range(int(steps) + 1):
@@ -176,12 +176,12 @@ def test_the_fastest_rate_stops_exactly_at_the_limit_in_any_units(steps, braking
 
 
 def walk(joints: Joints, x, v, ticks, rng):
-    """Positions, rates and boxes of joints that hold one end of the box or another for a while."""
-    held = rng.random(np.shape(x))
+    """Return positions, rates and boxes of joints that stay at one end of the box for a while."""
+    fixed = rng.random(np.shape(x))
     for _ in range(ticks):
         box = joints.box(x, v)
-        held = np.where(rng.random(np.shape(x)) < 0.02, rng.random(np.shape(x)), held)
-        part = np.where(held < 0.4, 0.0, np.where(held < 0.8, 1.0, rng.random(np.shape(x))))
+        fixed = np.where(rng.random(np.shape(x)) < 0.02, rng.random(np.shape(x)), fixed)
+        part = np.where(fixed < 0.4, 0.0, np.where(fixed < 0.8, 1.0, rng.random(np.shape(x))))
         w = np.clip(box.lower + part * (box.upper - box.lower), box.lower, box.upper)
         x, v, before = x + joints.T * w, w, v
         yield x, v, before, box
@@ -190,8 +190,8 @@ def walk(joints: Joints, x, v, ticks, rng):
 @pytest.mark.parametrize(
     ("seed", "ticks"), [(0, 500), *(pytest.param(k, 2000, marks=LONG) for k in range(3))]
 )
-def test_no_limit_is_ever_violated_whatever_rates_of_the_box_are_taken(seed, ticks):
-    """1000 joints: positions to round-off, rates exactly, no box empty."""
+def test_no_limit_is_ever_violated_by_rates_of_the_box(seed, ticks):
+    """Check 1000 joints: positions to round-off, rates exactly, no empty box."""
     rng = np.random.default_rng(seed)
     joints = any_joints(rng, 1000)
     start = rng.uniform(joints.x_min, joints.x_max)
@@ -209,8 +209,8 @@ def test_no_limit_is_ever_violated_whatever_rates_of_the_box_are_taken(seed, tic
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_from_any_state_the_limits_are_soon_kept_again(seed):
-    """A disturbance put position and rate anywhere; no acceleration yields, and no box is empty."""
+def test_limits_are_restored_from_any_state(seed):
+    """Check any position and rate after a disturbance: accelerations hold, and no box is empty."""
     rng = np.random.default_rng(seed)
     joints = Joints(
         *(-rng.uniform(0, 1, 300), rng.uniform(0, 1, 300)),
@@ -231,7 +231,7 @@ def test_from_any_state_the_limits_are_soon_kept_again(seed):
 
 
 def path(joints: Joints, x: float, v: float, ticks: int) -> np.ndarray:
-    """Positions of a joint that is taken back, at the only rate that its box has."""
+    """Return positions of a joint that returns at the only rate of its box."""
     positions = []
     for _ in range(ticks):
         box = joints.box([x], [v])
@@ -241,14 +241,14 @@ def path(joints: Joints, x: float, v: float, ticks: int) -> np.ndarray:
     return np.array(positions)
 
 
-def test_a_joint_too_fast_to_stop_brakes_as_hard_as_it_may():
-    """From v = 5 at 1 m with 10 m/s^2 and 0.1 s: 0.1 (4 + 3 + 2 + 1) = 1 m more, not 2."""
+def test_a_joint_too_fast_to_stop_brakes_with_full_acceleration():
+    """Check v = 5 at 1 m with 10 m/s^2 and 0.1 s: 0.1 (4 + 3 + 2 + 1) = 1 m more, not 2."""
     joints = Joints(-2.0, 1.5, -9.0, 9.0, -10.0, 10.0, 0.1)
     np.testing.assert_allclose(path(joints, 1.0, 5.0, 5), [1.4, 1.7, 1.9, 2.0, 2.0])
 
 
-def test_far_outside_the_return_is_as_fast_as_the_other_limit_allows():
-    """From 3 to 0 .. 0.1 at 1 m/s^2 without overshoot: 2 sqrt(3) s, 35 ticks."""
+def test_the_return_from_far_outside_respects_the_other_limit():
+    """Check the return from 3 to 0 .. 0.1 at 1 m/s^2 without overshoot: 2 sqrt(3) s, 35 ticks."""
     back = path(Joints(0.0, 0.1, -9.0, 9.0, -1.0, 1.0, 0.1), 3.0, 0.0, 40)
     assert back[27] > 0.1 >= back[34:].max() and back.min() >= -1e-15
 
@@ -270,14 +270,14 @@ def test_far_outside_the_return_is_as_fast_as_the_other_limit_allows():
         ((-INF, INF, -INF, INF, -5.0, 3.0), 3.0, 4.0, True, 3.5, 4.3),
     ],
 )
-def test_boxes_known_by_hand(limits, x, v, viable, lower, upper):
+def test_exact_boxes(limits, x, v, viable, lower, upper):
     box = Joints(*limits, T=0.1).box([x], [v])
     assert box.viable[0] == viable
     assert (box.lower[0], box.upper[0]) == pytest.approx((lower, upper))
 
 
-def test_where_braking_just_suffices_one_rate_is_left():
-    """At the limit from 1 with 10 m/s^2 and 0.1 s, however the last digits of the rate fall."""
+def test_one_rate_remains_if_braking_just_suffices():
+    """Check full braking at the limit from 1 with 10 m/s^2 and 0.1 s, for any round-off."""
     joints = Joints(-1.0, 1.0, -9.0, 9.0, -10.0, 10.0, 0.1)
     box = joints.box(np.full(7, 1.0), 1.0 + 1e-13 * np.arange(-3, 4))
     assert box.viable.all()
@@ -289,7 +289,7 @@ def test_where_braking_just_suffices_one_rate_is_left():
 
 @pytest.mark.parametrize("d", [1e12, 1e25, 1e40, 1e100])
 def test_braking_that_takes_more_ticks_than_can_be_counted_is_continuous(d):
-    """From w = sqrt(2 a d), after which the ticks make no difference."""
+    """Check w = sqrt(2 a d), the limit of many ticks."""
     joints = Joints(-np.inf, d, -np.inf, np.inf, -1e-9, np.inf, 1e-3)
     assert joints.box([0.0], [0.0]).upper[0] == pytest.approx(np.sqrt(2e-9 * d), rel=1e-9)
 
@@ -306,7 +306,7 @@ POSITIVE = st.one_of(st.floats(1e-119, 1e119), st.just(np.inf))
     T=st.floats(1e-119, 1e119),
 )
 def test_no_ratio_of_limits_empties_a_box_or_ends_in_nan(state, x_min, sizes, T):
-    """At rest within the limits, resting is always allowed."""
+    """Check that rest is always allowed at rest within the limits."""
     (x, v), (range_, slow, fast, down, up) = state, sizes
     joints = Joints(x_min, x_min + range_, -slow, fast, -down, up, T)
     box = joints.box([x], [v])
@@ -329,7 +329,7 @@ def test_a_batch_is_its_joints_one_by_one():
 
 @given(SEEDS, st.integers(0, 6))
 def test_plain_arrays_and_lists_have_the_same_box(seed, n):
-    """To the bit, at any limits, infinite ones and such that are violated among them."""
+    """Compare bit-wise at any limits, including infinite and violated ones."""
     rng = np.random.default_rng(seed)
     joints = any_joints(rng, n)
     sides = [
@@ -351,7 +351,7 @@ def test_the_compiled_rule_for_ties_is_the_rule(value, bound, zero):
     assert lib.exceeds(value, bound, zero) == exceeds(value, bound, zero=zero)
 
 
-def test_batches_that_do_not_fit_are_refused_by_name():
+def test_incompatible_batches_raise_with_names():
     joints = any_joints(np.random.default_rng(0), 2)
     with pytest.raises(ValueError, match=r"broadcast, got position \(2,\), rate \(3,\)"):
         joints.box(np.zeros((2, 2)), np.zeros((3, 2)))

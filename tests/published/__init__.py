@@ -1,1 +1,1 @@
-"""What other people published of robots that we did not choose."""
+"""Comparisons with published results of other authors on robots that they chose."""

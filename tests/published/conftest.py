@@ -1,21 +1,14 @@
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests.pages import run
 
-DOCS = Path(__file__).parents[2] / "docs" / "published"
+PAGE = Path(__file__).parents[2] / "docs" / "validated.md"
 
 
-@pytest.fixture(scope="module")
-def page(request) -> dict[str, Any]:
-    """Names of the script of the page that a file is about; it prints what the page says."""
-    name = request.path.stem.removeprefix("test_").replace("_", "-")
-    return run((DOCS / f"{name}.md").read_text())
-
-
-@pytest.fixture(scope="module")
-def authority(page) -> Any:
-    """The function of a page on multirotors."""
-    return page["authority"]
+@pytest.fixture(scope="session")
+def authority() -> Callable[..., float]:
+    """Return the function on the page that computes the control authority of a hexacopter."""
+    return run(PAGE.read_text())["authority"]

@@ -1,4 +1,4 @@
-"""How far a wrench is from the border of what thrusts within limits reach: the formula of Du et al.
+"""Distance of a wrench from the border of the attainable set: the formula of Du et al.
 
 G.-X. Du, Q. Quan, B. Yang, K.-Y. Cai, "Controllability analysis for multirotor helicopter rotor
 degradation and failure", J. Guidance, Control, and Dynamics 38(5), 2015, theorem 3 (arXiv
@@ -10,14 +10,14 @@ from itertools import combinations
 import numpy as np
 
 ARM, DRAG, LARGEST, WEIGHT = 0.275, 0.1, 6.125, 1.535 * 9.80
-"""Of both hexacopters: [m], drag torque per thrust [m], [N], [N]."""
+"""Constants of both hexacopters: arm [m], drag torque per thrust [m], thrust [N], weight [N]."""
 
 ROUNDED = 5e-5
-"""Of what is published with four decimals."""
+"""Tolerance of numbers published with four decimals."""
 
 
 def effectiveness(turns: str, arm: float = ARM) -> np.ndarray:
-    """Lift and the torques about x, y and z per thrust, shape (4, 6)."""
+    """Return lift and the torques about x, y and z per thrust, shape (4, 6)."""
     place, spin = np.deg2rad(60 * np.arange(6)), [1 if turn == "P" else -1 for turn in turns]
     return np.array([np.ones(6), -arm * np.sin(place), arm * np.cos(place), DRAG * np.array(spin)])
 
@@ -25,13 +25,16 @@ def effectiveness(turns: str, arm: float = ARM) -> np.ndarray:
 def distances(
     B: np.ndarray, wrench: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> np.ndarray:
-    """Of a wrench (m,) from all faces of {B u}, each parallel to m - 1 columns; negative beyond."""
+    """Return distances of a wrench (m,) from all faces of {B u}, negative beyond.
+
+    Each face is parallel to m - 1 columns.
+    """
     m, n = B.shape
     middle, half = (upper + lower) / 2, (upper - lower) / 2
-    found = []
+    result = []
     for columns in combinations(range(n), m - 1):
         U, sigma, _ = np.linalg.svd(B[:, columns])
         if sigma[-1] > 1e-9:
             along = U[:, -1] @ B
-            found.append(abs(along) @ half - abs(along @ middle - U[:, -1] @ wrench))
-    return np.array(found)
+            result.append(abs(along) @ half - abs(along @ middle - U[:, -1] @ wrench))
+    return np.array(result)

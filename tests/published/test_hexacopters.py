@@ -13,7 +13,7 @@ PUBLISHED = {
     "PNPNPN": [1.4861, 0, 0, 0, 0, 0, 0],
     "PPNNPN": [1.1295, 0.7221, 0.4510, 0.4510, 0.7221, 0, 0],
 }
-"""Sound, and without rotor 1 to 6: arXiv 1403.5986, tables of both hexacopters; recalled."""
+"""Authority without failure, and without rotor 1 to 6: arXiv 1403.5986, tables; recalled."""
 
 STANDARD_GRAVITY = 9.80665
 SECOND = {
@@ -34,30 +34,30 @@ Its gravity is that of its standard atmosphere.
 @pytest.mark.parametrize("case", SECOND)
 def test_the_authority_is_that_of_a_second_implementation(authority, case):
     turns, lost, mass, arm = case
-    found = authority(turns, lost, mass * STANDARD_GRAVITY, arm)
-    assert found == pytest.approx(SECOND[case], abs=ROUNDED)
+    result = authority(turns, lost, mass * STANDARD_GRAVITY, arm)
+    assert result == pytest.approx(SECOND[case], abs=ROUNDED)
 
 
 @pytest.mark.parametrize("lost", range(-1, 6))
 @pytest.mark.parametrize("turns", PUBLISHED)
 def test_the_authority_is_the_published_distance_of_hover_from_every_face(authority, turns, lost):
-    """By the paper's formula and by the hull of all extreme thrusts; outside it is zero."""
+    """Compare with the paper's formula and with the hull of all extreme thrusts; zero outside."""
     upper = np.where(np.arange(6) == lost, 0.0, LARGEST)
     B = effectiveness(turns)
     hull = ConvexHull([B @ thrusts for thrusts in product(*([0.0, most] for most in upper))])
     by_hull = -(hull.equations[:, :-1] @ HOVER + hull.equations[:, -1]).max()
     by_formula = distances(B, HOVER, np.zeros(6), upper).min()
     assert by_formula == pytest.approx(by_hull, abs=1e-9)
-    found = authority(turns, [lost] if lost >= 0 else [])
-    assert found == pytest.approx(max(by_formula, 0.0), abs=1e-9)
-    assert found == pytest.approx(PUBLISHED[turns][lost + 1], abs=ROUNDED)
+    result = authority(turns, [lost] if lost >= 0 else [])
+    assert result == pytest.approx(max(by_formula, 0.0), abs=1e-9)
+    assert result == pytest.approx(PUBLISHED[turns][lost + 1], abs=ROUNDED)
 
 
 @pytest.mark.parametrize(("turns", "lost", "outside"), [("PNPNPN", 0, 0.0), ("PPNNPN", 4, 0.2133)])
 def test_a_published_zero_is_hover_on_a_face_or_beyond_one_and_on_the_plane_of_another(
     turns, lost, outside
 ):
-    """Outside, the authors' toolbox gives minus the least |distance| from any plane."""
+    """Check the authors' toolbox: minus the least |distance| from any plane outside the set."""
     upper = np.where(np.arange(6) == lost, 0.0, LARGEST)
     away = distances(effectiveness(turns), HOVER, np.zeros(6), upper)
     assert away.min() == pytest.approx(-outside, abs=ROUNDED)

@@ -98,26 +98,24 @@ class Event:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
-            raise TypeError(f"name must be the name of an event, got {check.shown(self.name)}")
+            raise TypeError(f"name must be the name of an event, got {check.short_repr(self.name)}")
         if self.name not in EVENTS:
             raise ValueError(
                 f'there is no event "{self.name:.80}"{nearest(self.name, EVENTS, listed=True)}'
             )
         is_time = isinstance(self.time_s, Real) and not isinstance(self.time_s, bool)
         if not (is_time and 0.0 <= self.time_s <= LATEST_S):
-            requirement = (
-                f"a time from zero on, got {check.shown(self.time_s)}, and at most {LATEST_S:g} s"
-            )
-            raise ValueError(f"time_s must be {requirement}")
+            got = check.short_repr(self.time_s)
+            raise ValueError(f"time_s must be a time from 0 to {LATEST_S:g} s, got {got}")
         is_number = isinstance(self.actuator, Integral) and not isinstance(self.actuator, bool)
         if not (isinstance(self.actuator, str | None) or (is_number and self.actuator >= 0)):
-            requirement = f"a name, or a number from 0 on, got {check.shown(self.actuator)}"
+            requirement = f"a name, or a number from 0 on, got {check.short_repr(self.actuator)}"
             raise ValueError(f"actuator must be {requirement}")
         if self.kind.of == "actuator" and self.actuator is None:
             raise ValueError(f"{self.name} acts on one actuator, which must be given")
         if self.kind.of != "actuator" and self.actuator is not None:
             raise ValueError(
-                f"{self.name} acts on no single actuator, got {check.shown(self.actuator)}"
+                f"{self.name} acts on no single actuator, got {check.short_repr(self.actuator)}"
             )
 
     @classmethod
@@ -128,14 +126,14 @@ class Event:
             ValueError, TypeError: The text has another form, or the event is invalid.
         """
         if not isinstance(text, str):
-            raise TypeError(f"text must be that of an event, got {check.shown(text)}")
+            raise TypeError(f"text must be that of an event, got {check.short_repr(text)}")
         what, _, time_s = text.rpartition("@")
         name, _, actuator = what.partition(":")
         try:
             seconds = float(time_s)
         except ValueError:
             expected = "NAME@SECONDS or NAME:ACTUATOR@SECONDS"
-            raise ValueError(f"text must be {expected}, got {check.shown(text)}") from None
+            raise ValueError(f"text must be {expected}, got {check.short_repr(text)}") from None
         return cls(name, seconds, actuator or None)
 
     @property

@@ -65,7 +65,7 @@ def _written(event: str | Event) -> str:
         return f"[{event}], got it without a list"
     actuator = ', "ACTUATOR"' if EVENTS.get(event, EVENTS["bump"]).of == "actuator" else ""
     name = event if event in EVENTS else "NAME"
-    return f'[fjh.Event("{name}", 1.5{actuator})] at 1.5 s, got {check.shown(event)}'
+    return f'[fjh.Event("{name}", 1.5{actuator})] at 1.5 s, got {check.short_repr(event)}'
 
 
 def effect_of(rig: "Rig", event: Event, seed: int, before: int = 0) -> tuple[Effect, list[Failure]]:

@@ -37,7 +37,7 @@ class Amplifier:
     def __post_init__(self) -> None:
         """Check the arguments."""
         if not 2 <= check.integer("bits", self.bits) <= 53:
-            raise ValueError(f"bits must lie in 2..53, got {check.shown(self.bits)}")
+            raise ValueError(f"bits must lie in 2..53, got {check.short_repr(self.bits)}")
         for name in ("full_input_a", "limit_a", "newton_per_a", "newton_per_m"):
             check.number(name, getattr(self, name), check.SMALLEST)
 

@@ -28,8 +28,8 @@ class Posture(Pose):
     def __post_init__(self) -> None:
         """Check the arguments, and store read-only copies."""
         super().__post_init__()
-        check.keep(self, "displacement_m", 6)
-        check.keep(self, "inverse_jacobian", 6, 6)
+        check.freeze_field(self, "displacement_m", 6)
+        check.freeze_field(self, "inverse_jacobian", 6, 6)
 
     def twist(self, displacement_m: Array) -> Array:
         """Return [rotation vector; translation] (6,) of small strut displacements (6,).
@@ -67,7 +67,7 @@ class Hexapod:
     def __post_init__(self) -> None:
         """Check the arguments, and store read-only copies."""
         for name in ("bottom_m", "top_m"):
-            check.keep(self, name, 6, 3)
+            check.freeze_field(self, name, 6, 3)
             check.array(name, getattr(self, name), 6, 3)
 
     @cached_property

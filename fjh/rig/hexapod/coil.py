@@ -42,7 +42,7 @@ class Coils:
         if not (paths > check.SMALLEST).all():
             raise ValueError(
                 "thermal_resistance_k_per_w must be a list of positive numbers, "
-                f"got {check.shown(paths.tolist())}"
+                f"got {check.short_repr(paths.tolist())}"
             )
         object.__setattr__(self, "thermal_resistance_k_per_w", check.frozen(paths))
 

@@ -202,7 +202,7 @@ def test_near_a_singular_pose_damping_bounds_the_rates_at_a_stated_cost(bend):
     assert np.abs(answer.qvel).max() <= np.linalg.norm(b) / (2 * 0.02)
     lost = np.linalg.norm(A @ expected - b)
     assert abs(answer.solution.damping_errors[0] - lost) < 1e-9
-    assert answer.status is Status.DAMPED and f"level 1 {lost:.2g}" in str(answer)
+    assert answer.status is Status.DAMPED and f"level 1 by {lost:.2g}" in str(answer)
 
 
 def rested(ik: Ik, data: mujoco.MjData, ticks: int) -> float:
