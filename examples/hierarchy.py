@@ -36,7 +36,5 @@ for goal, count in np.ndindex(*exact.shape):
 axes.set(yticks=np.arange(3) + 0.5, yticklabels=goals, ylim=(3, 0))
 axes.set(xticks=np.arange(8) + 0.5, xticklabels=range(8), xlabel="joints locked")
 most = exact[0].sum() - 1
-figure.suptitle(
-    f"Lower goals are lost first; with {most} of 7 joints locked the camera turns exactly"
-)
+figure.suptitle(f"Lower goals are lost first; the camera turns with {most} of 7 joints locked")
 plt.savefig("hierarchy.png")

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from scipy.stats import poisson
 
-from experiments.again import fly_again
+from experiments.again import repeat_run
 from experiments.app.cli import main
 from experiments.recover import plan
 from experiments.recover.plan import exact_rig
@@ -76,10 +76,10 @@ def test_the_ambiguity_is_that_of_antipodal_struts_and_the_dither_lifts_it(setti
 @pytest.mark.long
 def test_a_published_run_flies_again():
     published = Path(__file__).parents[2] / "docs" / "data"
-    run, beside = fly_again(published, 0)
+    run, beside = repeat_run(published, 0)
     assert len(run.time_s) and {"stored", "flown", "same"} == set(beside)
     with pytest.raises(WrongInput, match="no dataset with a case 99999"):
-        fly_again(published, 99999)
+        repeat_run(published, 99999)
 
 
 # Statistics.

@@ -53,7 +53,7 @@ def report(tmp_path, monkeypatch, capsys):
     out = tmp_path / "out"
 
     def run(*options: str, **made: Callable[..., Result]) -> tuple[int, dict, str]:
-        monkeypatch.setattr(report_module, "CHAPTERS", {name: {} for name in made})
+        monkeypatch.setattr(report_module, "STUDIES", {name: {} for name in made})
         monkeypatch.setattr(report_module, "LINES", {name: f"About {name}." for name in made})
         monkeypatch.setattr(report_module, "study", lambda name: made_study(name, made[name]))
         code = main(["paper", "report", "--out", str(out), *options])
@@ -138,7 +138,7 @@ def test_ctrl_c_keeps_finished_chapters_and_says_how_to_go_on(report, tmp_path, 
     code, told, error = report(one=stub(ran), two=stub(ran, raised=raised), **last)
     assert code == 130
     assert error.startswith("fjh: interrupted: no file was left half-written; ")
-    assert "the same command continues with two, chapter 2 of 3" in error
+    assert "the same command continues with two, study 2 of 3" in error
     assert told["missing"] == ["two", "three"]
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {"one", "report.json", "report.html"}
@@ -169,7 +169,7 @@ def test_an_unsound_chapter_is_told_and_the_others_still_run(report, tmp_path):
 @pytest.mark.long
 @pytest.mark.night
 def test_a_real_study_is_on_the_page(tmp_path, monkeypatch):
-    monkeypatch.setattr(report_module, "CHAPTERS", {"release": {}})
+    monkeypatch.setattr(report_module, "STUDIES", {"release": {}})
     assert main(["paper", "report", "--quick", "--quiet", "--out", str(tmp_path)]) == 0
     page = (tmp_path / "report.html").read_text()
     text = text_of(page, json.loads((tmp_path / "report.json").read_text()))

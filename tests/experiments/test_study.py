@@ -135,7 +135,7 @@ def stop_after(count: int):
 
 @pytest.mark.parametrize("count", [1, 7])
 def test_neither_interruption_nor_order_changes_a_bit(tmp_path, whole, count):
-    said = f"interrupted: {count} of 10 runs are kept; --resume continues"
+    said = f"interrupted: {count} of 10 runs are saved; --resume continues"
     with pytest.raises(Interrupted, match=said):
         table(tmp_path, resume=False, on_progress=stop_after(count))
     with pytest.raises(WrongInput, match="has unfinished runs: --resume"):
@@ -169,14 +169,14 @@ def test_published_rows_go_on_with_more_runs_and_with_nothing_else(tmp_path, who
     assert asked == [5, 6, 7, 8, 9]
     assert_same(found, whole)
     (tmp_path / UNFINISHED).unlink()
-    with pytest.raises(WrongInput, match="it has another seed"):
+    with pytest.raises(WrongInput, match="they have another seed"):
         table(tmp_path, basis=BASIS | {"seed": 1})
 
 
 def test_runs_of_something_else_are_refused_or_begun_anew(here, tmp_path):
     table(tmp_path)
     other = BASIS | {"seed": 1, "code_sha256": "0"}
-    with pytest.raises(WrongInput, match="it has another seed, code_sha256"):
+    with pytest.raises(WrongInput, match="they have another seed, code_sha256"):
         table(tmp_path, basis=other)
     again = [replace(each, seed=1) for each in TEN]
     found = table(tmp_path, again, basis=other, resume=None)
@@ -187,7 +187,7 @@ def test_runs_of_something_else_are_refused_or_begun_anew(here, tmp_path):
 @pytest.mark.long
 def test_a_run_that_fails_in_a_process_is_named_and_the_others_are_kept(tmp_path):
     said = "run 6 failed: ValueError in work.py, line [0-9]+: no such number; finished "
-    said += "runs are kept, and --resume continues"
+    said += "runs are saved, and --resume continues"
     with pytest.raises(Unsound, match=said):
         table(tmp_path, made=failing)
     assert len((tmp_path / UNFINISHED).read_text().splitlines()) > 4
@@ -201,8 +201,8 @@ def test_ctrl_c_after_the_last_run_says_that_runs_are_kept(here, tmp_path):
         table(folder)
         raise KeyboardInterrupt
 
-    with pytest.raises(Interrupted, match="finished runs are kept, and --resume continues"):
-        conduct(slow, tmp_path, shown=False)
+    with pytest.raises(Interrupted, match="finished runs are saved, and --resume continues"):
+        conduct(slow, tmp_path, visible=False)
     assert len((tmp_path / UNFINISHED).read_text().splitlines()) == 11
 
 
@@ -254,7 +254,7 @@ def test_a_scheduler_gives_the_same_rows_another_release_none(
 ):
     assert_same(table(tmp_path, where=Where(scheduler=scheduler)), whole)
     monkeypatch.setattr(provenance, "ROOT", tmp_path)
-    with pytest.raises(WrongInput, match="it has another release"), workers.cluster(scheduler):
+    with pytest.raises(WrongInput, match="they have another release"), workers.cluster(scheduler):
         pass
     monkeypatch.setattr(workers, "ANSWERS_IN_S", 0.5)
     nobody = "tcp://127.0.0.1:9"

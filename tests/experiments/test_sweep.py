@@ -12,7 +12,7 @@ import pytest
 
 from experiments import sweep as sweeps
 from experiments import sweep_design as designs
-from experiments.again import fly_again
+from experiments.again import repeat_run
 from experiments.app.cli import main
 from experiments.study import UNFINISHED, Where
 from experiments.table1 import CONFIGURATIONS
@@ -209,7 +209,7 @@ def test_the_rows_are_the_runs_in_order_and_fly_again(study, rows):
     )
     names = [name for name in drawn if drawn[name].notna().all()]
     pd.testing.assert_frame_equal(rows[names], drawn[names], check_dtype=False)
-    _, beside = fly_again(study.folder, 29)
+    _, beside = repeat_run(study.folder, 29)
     assert beside.same.all() and len(beside) > 20
     summary = json.loads(json.dumps(study.summary))
     summary["basis"]["design"]["runs"] = designs.MOST_RUNS + 1
@@ -237,7 +237,7 @@ def test_an_interrupted_sweep_goes_on_to_the_same_bytes(sweep_folder, scheduler,
             raise KeyboardInterrupt
 
     where = Where(scheduler=scheduler)
-    with pytest.raises(Interrupted, match="9 of 30 runs are kept"):
+    with pytest.raises(Interrupted, match="9 of 30 runs are saved"):
         sweeps.sweep(design=SHORT_SWEEP, where=where, folder=tmp_path, on_progress=interrupt)
     words = ["sweep", "--design", str(SHORT_SWEEP), "--out", str(tmp_path), "--quiet"]
     assert main(words) == 2

@@ -7,7 +7,7 @@ import pytest
 
 import argument_checks as check
 from experiments.app import cli
-from experiments.app.refusals import TRACEBACK
+from experiments.app.exit_codes import TRACEBACK
 from tests.made import made_study
 
 
@@ -35,8 +35,8 @@ def test_a_mistake_of_the_program_is_reported_as_one(refused, measure, monkeypat
     """Nobody's input is blamed; a variable shows the traceback."""
     words = measure(lambda: int("no number"))
     said = refused(*words, code=1)
-    assert said.startswith("fjh: this is a mistake of the program")
-    assert "ValueError in test_refusals.py" in said and TRACEBACK in said
+    assert said.startswith("fjh: this is a bug of the program")
+    assert "ValueError in test_exit_codes.py" in said and TRACEBACK in said
     monkeypatch.setenv(TRACEBACK, "1")
     with pytest.raises(ValueError, match="no number"):
         cli.main(words)
