@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from experiments.figures import OpenLoop, counted, open_loop
+from experiments.figures import OpenLoop, class_counts, open_loop
 from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.controller import ANGLES, design, nominal_plant
 from fjh.rig.hexapod.fault_tolerance import elastic_system, pointing_verdicts
@@ -40,7 +40,7 @@ def test_the_published_compensator_has_the_published_margins(model, row):
 def test_the_map_counts_what_the_atlas_counts(model):
     atlas = failure_atlas(elastic_system(model), MAJOR)
     found = pointing_verdicts(atlas)
-    table = counted(found)
+    table = class_counts(found)
     assert atlas.elastic is not None
     assert (atlas.possible.sum(), atlas.elastic.possible.sum()) == (54, 54 + 371)
     # Two states of failure for each strut: six lost, 2^6; all but one lost, 6 * 2^5.

@@ -51,8 +51,10 @@ def test_the_fixture_reads_what_the_payload_is_pushed_with():
 def test_the_struts_make_up_the_wrench_that_is_held_whatever_the_coils_do(lines):
     """Six forces along six lines balance a push in one way only, springs or coils."""
     wrench = np.array([[1.0, -2.0, 0.5, 10.0, 5.0, -15.0]])
-    by_springs = force.exert(rig(), (), np.zeros((1, 6)), wrench).strut_n[:, -1]
-    by_coils = force.exert(rig(), (), np.linalg.solve(lines.T, wrench.T).T, wrench).strut_n[:, -1]
+    by_springs = force.simulate_load(rig(), (), np.zeros((1, 6)), wrench).strut_n[:, -1]
+    by_coils = force.simulate_load(rig(), (), np.linalg.solve(lines.T, wrench.T).T, wrench).strut_n[
+        :, -1
+    ]
     # Against springs the payload moves, and the flexures take their share of 0.2 %.
     np.testing.assert_allclose(by_springs @ lines, wrench, rtol=5e-3)
     np.testing.assert_allclose(by_coils @ lines, wrench, rtol=1e-4)
@@ -73,7 +75,7 @@ def test_every_simulated_force_is_the_mappings(tables):
 
 def test_a_locked_strut_bears_what_comes_along_it_and_no_torque_sees(data, lines):
     """Held, its reaction is J_1^T f; pressing, lock and fixture share the coils' wrench."""
-    system, unseen = force.known_system(force.Condition("locked")), None
+    system, unseen = force.failed_system(force.Condition("locked")), None
     for theorem in (7, 8, 9):
         part = f"strut_1_locked_theorem_{theorem}"
         torques, wrench, strut = (data[f"{part}_{k}"] for k in ("torques_n", "wrench", "strut_n"))
@@ -82,7 +84,7 @@ def test_a_locked_strut_bears_what_comes_along_it_and_no_torque_sees(data, lines
         np.testing.assert_allclose(reaction, strut[:, 0], atol=1e-3)
         assert np.abs(reaction).max() > 5.0
         assert (torques[:, 0] == 0).all()
-        unseen = np.eye(6) - force.answer(system, theorem, data["asked_wrench"]).seen
+        unseen = np.eye(6) - force.solve_theorem(system, theorem, data["asked_wrench"]).projector
         np.testing.assert_allclose(lines[0] @ unseen, lines[0], atol=1e-12)
         assert np.trace(unseen) == pytest.approx(1.0)
         fixture, lock = (data[f"{part}_pressed_{k}"][:, -1] for k in ("fixture", "lock_n"))
@@ -112,17 +114,17 @@ def test_a_free_strut_bears_nothing_and_what_is_lacking_moves_the_payload(tables
 def test_without_eq_9_a_free_strut_presses_with_another_major_force(data):
     """Theorem 8 as printed, for a mechanism that has the self-motion which section 3 excludes."""
     condition, asked = force.Condition("free", 0), data["asked_wrench"][:, MAJOR]
-    kin = force.known_system(condition).kinematics()
-    printed = force_mapping(kin.J, MAJOR, SECONDARY, np.array(force.SPARING)[kin.actuators])
+    kin = force.failed_system(condition).kinematics()
+    printed = force_mapping(kin.J, MAJOR, SECONDARY, np.array(force.TORQUE_WEIGHTS)[kin.actuators])
     torques = kin.expand(printed(asked))
-    off = force.exert(rig(), condition.failures, torques).fixture[:, -1, MAJOR] - asked
-    off_percent = 100 * np.linalg.norm(off, axis=1) / np.linalg.norm(asked, axis=1)
-    assert [round(off_percent.min()), round(off_percent.max())] == [39, 96]
+    off = force.simulate_load(rig(), condition.failures, torques).fixture[:, -1, MAJOR] - asked
+    difference_percent = 100 * np.linalg.norm(off, axis=1) / np.linalg.norm(asked, axis=1)
+    assert [round(difference_percent.min()), round(difference_percent.max())] == [39, 96]
 
 
 def test_the_platform_spends_internal_force_and_presses_with_one_wrench(tables, data):
     """Against every other internal force, and against none."""
-    kin = force.sound_system(force.PLATFORM_MJCF, force.PLATFORM_TASK).kinematics()
+    kin = force.healthy_system(force.PLATFORM_MJCF, force.PLATFORM_TASK).kinematics()
     C = kin.active_constraint[0]
     weights = dict(enumerate(np.ones((4, 4)) + (force.HOT - 1) * np.eye(4)))
     uses = {f"motor_{k + 1}_hot": (W3, np.zeros(4)) for k, W3 in weights.items()}
