@@ -41,7 +41,7 @@ from sim.plant import FailureKind
 
 STRUT = 0  # the one that fails, strut 1 as in the paper
 RATIOS = tuple(10.0**k for k in range(3, -4, -1))  # its suspension over its own flexures
-ASKED_RAD = np.array([100e-6, 0.0])  # of the payload at rest
+COMMAND_RAD = np.array([100e-6, 0.0])  # of the payload at rest
 AT_REST_S = 8.0  # more than ten time constants of the softest motion: 110 N s/m on 197 N/m
 MISMATCH_LIMIT_PERCENT = 1.0  # largest difference between simulated and predicted motion
 
@@ -65,7 +65,7 @@ class Case:
     name: str
     kind: FailureKind | None = None
     time_s: float = 0.0
-    told: str = "uncorrected"
+    correction: str = "uncorrected"
     goal: Goal = EQUAL
 
     @property
@@ -78,9 +78,9 @@ def cases(half_s: float) -> list[Case]:
     """Without failure; strut 1 without coil, or coil and spring, from the start or `half_s`."""
     times_s = {"from_start": 0.0, "in_flight": half_s}
     return [Case("sound")] + [
-        Case(f"{kind}_{when}_{told}", kind, time_s, told, goal)
+        Case(f"{kind}_{when}_{correction}", kind, time_s, correction, goal)
         for kind, (when, time_s) in product(GOALS, times_s.items())
-        for told, goal in GOALS[kind].items()
+        for correction, goal in GOALS[kind].items()
     ]
 
 
@@ -95,15 +95,15 @@ class Spiral(NamedTuple):
     plant: dict[str, Any]
 
 
-def fly(rig: Rig, case: Case, path: Array, seed: int) -> Spiral:
+def simulate(rig: Rig, case: Case, path: Array, seed: int) -> Spiral:
     """One spiral beside what the linear model and the elastic mapping expect of it.
 
     Raises:
         sim.SimulationDiverged: The physics left the finite numbers.
     """
-    informed = case.goal != EQUAL
-    controller = rig.reconfigured(EQUAL, case.goal, case.time_s) if informed else rig.controller()
-    run = rig.fly(controller, path, failures=case.failures, seed=seed)
+    is_known = case.goal != EQUAL
+    controller = rig.reconfigured(EQUAL, case.goal, case.time_s) if is_known else rig.controller()
+    run = rig.simulate(controller, path, failures=case.failures, seed=seed)
     command_m = rig.control.testbed.amplifier().displacements(run.inputs)
     faults = [Fault.of(failure) for failure in case.failures]
     # Struts that lose their coil or spring keep the loops, and so the state goes on.
@@ -152,7 +152,7 @@ def true_twist(run: Run) -> Array:
 # The payload at rest.
 
 
-def rest_row(model: mujoco.MjModel, ratio: float) -> dict[str, Any]:
+def equilibrium_row(model: mujoco.MjModel, ratio: float) -> dict[str, Any]:
     """Where the payload comes to rest, 100 urad of alpha asked for, strut 1 without its coil.
 
     Args:
@@ -162,14 +162,14 @@ def rest_row(model: mujoco.MjModel, ratio: float) -> dict[str, Any]:
     geometry = hexapod(model)
     length_m = np.linalg.norm((geometry.top_m - geometry.bottom_m)[STRUT])
     bends = [model.joint(f"{end}_bend_x{STRUT + 1}").id for end in ("bottom", "top")]
-    swing_n_per_m = model.jnt_stiffness[bends].sum() / length_m**2
-    soft = {STRUT: ratio * swing_n_per_m}
+    lateral_n_per_m = model.jnt_stiffness[bends].sum() / length_m**2
+    soft = {STRUT: ratio * lateral_n_per_m}
     failed = elastic_system(model, soft).with_failures(free=[STRUT]).kinematics()
-    sound = elastic_system(model).kinematics()
-    unaware = sound.velocity_mapping(MAJOR, joint_weight=np.ones(6))(ASKED_RAD)
-    informed = failed.expand(failed.velocity_mapping(MAJOR, joint_weight=np.ones(6))(ASKED_RAD))
-    others, column = unaware[failed.actuators], sound.J[:, STRUT]
-    strut = list(failed.passive).index(sound.active[STRUT])
+    healthy = elastic_system(model).kinematics()
+    uncorrected = healthy.velocity_mapping(MAJOR, joint_weight=np.ones(6))(COMMAND_RAD)
+    remapped = failed.expand(failed.velocity_mapping(MAJOR, joint_weight=np.ones(6))(COMMAND_RAD))
+    others, column = uncorrected[failed.actuators], healthy.J[:, STRUT]
+    strut = list(failed.passive).index(healthy.active[STRUT])
 
     def released() -> Plant:
         plant = Plant(model)
@@ -181,34 +181,34 @@ def rest_row(model: mujoco.MjModel, ratio: float) -> dict[str, Any]:
     linear = linearize((plant := released()).model, plant.data)
     predicted = {
         "elastic": failed.J @ others,
-        "linear_model": -linear.C_twist @ np.linalg.solve(linear.A, linear.B @ unaware),
-        "as_if_locked": np.delete(sound.J, STRUT, axis=1) @ others,
+        "linear_model": -linear.C_twist @ np.linalg.solve(linear.A, linear.B @ uncorrected),
+        "as_if_locked": np.delete(healthy.J, STRUT, axis=1) @ others,
     }
-    twist, extension_m = at_rest(plant, unaware)
-    corrected, _ = at_rest(released(), informed)
-    off = {name: percent(twist - each, twist) for name, each in predicted.items()}
+    twist, extension_m = settle(plant, uncorrected)
+    corrected, _ = settle(released(), remapped)
+    error = {name: percent(twist - each, twist) for name, each in predicted.items()}
     return {
         "suspension_over_swing": ratio,
         "suspension_n_per_m": soft[STRUT],
-        "swing_n_per_m": swing_n_per_m,
+        "swing_n_per_m": lateral_n_per_m,
         # All of them against the strut's length, the other struts held.
         "all_flexures_n_per_m": column @ strut_and_payload_stiffness(model)[6:, 6:] @ column,
         "alpha_simulated_urad": 1e6 * twist[0],
         **{f"alpha_{name}_urad": 1e6 * each[0] for name, each in predicted.items()},
         "strut_1_simulated_um": 1e6 * extension_m,
         "strut_1_elastic_um": 1e6 * failed.passive_rates(others)[strut],
-        **{f"mismatch_{name}_percent": each for name, each in off.items()},
+        **{f"mismatch_{name}_percent": each for name, each in error.items()},
         "alpha_corrected_urad": 1e6 * corrected[0],
         "beta_corrected_urad": 1e6 * corrected[1],
         "worst_gain_rad_per_m": failed.manipulability(MAJOR).worst_gain,
     }
 
 
-def fall_row(model: mujoco.MjModel) -> dict[str, Any]:
+def ground_row(model: mujoco.MjModel) -> dict[str, Any]:
     """Where strut 1 goes on the ground when it loses its spring, and with it its preload."""
     plant = Plant(model)
     plant.break_loose(STRUT)
-    twist, extension_m = at_rest(plant, np.zeros(6))
+    twist, extension_m = settle(plant, np.zeros(6))
     return {
         "strut_1_um": 1e6 * extension_m,
         "stop_um": 1e6 * model.jnt_range[model.joint(f"strut{STRUT + 1}").id, 0],
@@ -217,7 +217,7 @@ def fall_row(model: mujoco.MjModel) -> dict[str, Any]:
     }
 
 
-def at_rest(plant: Plant, command_m: Array) -> tuple[Array, float]:
+def settle(plant: Plant, command_m: Array) -> tuple[Array, float]:
     """Payload twist and extension of the released strut once everything has come to rest."""
     plant.step(command_m, AT_REST_S)
     return plant.displacement(), float(plant.displacements()[STRUT])
@@ -260,12 +260,12 @@ def atlas_row(atlas: FailureAtlas, struts: str) -> dict[str, Any]:
 
 def atlas_arrays(atlas: FailureAtlas) -> dict[str, Array]:
     """All classifications in one file; rows are conditions."""
-    named = {
+    arrays = {
         f"{struts}_{field.name}": getattr(classes, field.name)
         for (struts, classes), field in product(both(atlas).items(), fields(Classes))
     }
     # Without limits nothing is said of what they cost.
-    return {"codes": atlas.codes} | {name: A for name, A in named.items() if A is not None}
+    return {"codes": atlas.codes} | {name: A for name, A in arrays.items() if A is not None}
 
 
 # The study.
@@ -298,40 +298,40 @@ def release(
     on_ground = hexapod_rig(replace(testbed, stiffness=strut_and_payload_stiffness(ground)))
     in_orbit = hexapod_rig(replace(on_ground.control.testbed, model=orbit))
     duration_s = bench.quick_duration_s if quick else bench.duration_s
-    shared = {"work": fly, "path": bench.spiral_rad(duration_s), "seed": seed}
+    shared = {"work": simulate, "path": bench.spiral_rad(duration_s), "seed": seed}
     calls = [
         shared | {"case": case, "rig": in_orbit if case.kind == "loose" else on_ground}
         for case in cases(duration_s / 2)
     ]
-    rests = [
-        {"work": rest_row, "model": orbit, "ratio": each} for each in RATIOS[:: 3 if quick else 1]
+    equilibria = [
+        {"work": equilibrium_row, "model": orbit, "ratio": row_name} for row_name in RATIOS[:: 3 if quick else 1]
     ]
-    done = in_parallel(call, [*calls, *rests], on_progress)
+    done = in_parallel(call, [*calls, *equilibria], on_progress)
     spirals: list[Spiral] = done[: len(calls)]
     atlas = failure_atlas(elastic_system(ground), MAJOR)
     singles = product(range(6), ("locked", "free"), both(atlas))
     rows = {
-        "spirals": [each.row for each in spirals],
+        "spirals": [row_name.row for row_name in spirals],
         "sweep": done[len(calls) :],
-        "on_the_ground_without_spring": [fall_row(ground)],
-        "atlas": [atlas_row(atlas, each) for each in both(atlas)],
-        "single_failures": [single_failure_row(atlas, *each) for each in singles],
+        "on_the_ground_without_spring": [ground_row(ground)],
+        "atlas": [atlas_row(atlas, row_name) for row_name in both(atlas)],
+        "single_failures": [single_failure_row(atlas, *row_name) for row_name in singles],
     }
-    tables = {name: pd.DataFrame(each) for name, each in rows.items()}
+    tables = {name: pd.DataFrame(row_name) for name, row_name in rows.items()}
     settings = origin(seed) | {
         "jacobian": "constant",
         "duration_s": duration_s,
         "bench": asdict(bench) | plant_constants(ground),
     }
-    found, by_name = checks(**tables), {each.case.name: each for each in spirals}
+    checked, by_name = checks(**tables), {row_name.case.name: row_name for row_name in spirals}
     return Result(
         settings=settings,
         tables=tables,
-        checks=found,
-        shown=shown(**tables),
+        checks=checked,
+        printed_tables=printed_tables(**tables),
         pictures=[Picture("release", CAPTION, ALT, partial(figure, tables["sweep"], by_name))],
         arrays={"atlas.npz": atlas_arrays(atlas)},
-        records=[partial(record, each, settings, found) for each in spirals],
+        records=[partial(record, row_name, settings, checked) for row_name in spirals],
     )
 
 
@@ -342,29 +342,29 @@ def checks(
     **_: pd.DataFrame,
 ) -> list[Check]:
     """Closure; motion, errors and rest positions against their predictions."""
-    flown, off = spirals.set_index("name"), MISMATCH_LIMIT_PERCENT
-    rests = sweep.set_index(sweep.suspension_over_swing.map("stiffness ratio {:g}".format))
-    predicted = flown.astype({f"predicted_{angle}_rms_urad": float for angle in ANGLES})
+    by_name, limit = spirals.set_index("name"), MISMATCH_LIMIT_PERCENT
+    equilibria = sweep.set_index(sweep.suspension_over_swing.map("stiffness ratio {:g}".format))
+    predicted = by_name.astype({f"predicted_{angle}_rms_urad": float for angle in ANGLES})
     predicted = predicted.dropna(subset="predicted_alpha_rms_urad")
-    found = []
+    result = []
     for angle in ANGLES:
         model = predicted[f"predicted_{angle}_rms_urad"]
         error = (predicted[f"{angle}_rms_urad"] - model).abs() / model
         what = f"relative difference between the RMS error of {angle} and the linear model's"
-        found += check(what, error, prediction_tolerance(flown.duration_s.min()))
+        result += check(what, error, prediction_tolerance(by_name.duration_s.min()))
     for model in ("elastic", "linear_model"):
         what = f"difference between the {model.replace('_', ' ')} and the simulation [%]"
-        found += check(what, rests[f"mismatch_{model}_percent"], off)
-    motion = flown[flown.kind.notna()].motion_mismatch_linear_model_percent
-    error = (rests.alpha_corrected_urad - 1e6 * ASKED_RAD[0]).abs()
+        result += check(what, equilibria[f"mismatch_{model}_percent"], limit)
+    motion = by_name[by_name.kind.notna()].motion_mismatch_linear_model_percent
+    error = (equilibria.alpha_corrected_urad - 1e6 * COMMAND_RAD[0]).abs()
     fall = on_the_ground_without_spring.loc[0]
     from_stop = 100 * abs(fall.strut_1_um / fall.stop_um - 1)
     return [
-        *found,
-        *check("difference between the simulated motion and the linear model [%]", motion, off),
-        *check("closure residual [m]", flown.closure_residual_max_m, CLOSURE_LIMIT_M),
-        *check("pointing error of the corrected mapping [%]", error, off),
-        *check("distance of strut 1 from its stop [%]", from_stop, off, "without its spring"),
+        *result,
+        *check("difference between the simulated motion and the linear model [%]", motion, limit),
+        *check("closure residual [m]", by_name.closure_residual_max_m, CLOSURE_LIMIT_M),
+        *check("pointing error of the corrected mapping [%]", error, limit),
+        *check("distance of strut 1 from its stop [%]", from_stop, limit, "without its spring"),
     ]
 
 
@@ -378,7 +378,7 @@ HEADINGS = {
 }
 
 
-def shown(spirals: pd.DataFrame, sweep: pd.DataFrame, **_: pd.DataFrame) -> list[Shown]:
+def printed_tables(spirals: pd.DataFrame, sweep: pd.DataFrame, **_: pd.DataFrame) -> list[Shown]:
     """The printed tables."""
     return [
         Shown(
@@ -399,25 +399,25 @@ def shown(spirals: pd.DataFrame, sweep: pd.DataFrame, **_: pd.DataFrame) -> list
     ]
 
 
-def record(spiral: Spiral, settings: dict[str, Any], found: list[Check], folder: Path) -> None:
+def record(spiral: Spiral, settings: dict[str, Any], checks_: list[Check], folder: Path) -> None:
     """Write the data of a spiral and its recording."""
-    case, told = spiral.case, spiral.case.told.replace("_", " ")
+    case, correction = spiral.case, spiral.case.correction.replace("_", " ")
     lost = {None: "no failure", "free": "coil lost", "loose": "coil and spring lost, in orbit"}
     predicted_rad = np.array([spiral.row[f"predicted_{angle}_rms_urad"] for angle in ANGLES]) / 1e6
     about = About(
         study="release",
         identity=f"release-{case.name}-seed{settings['seed']}",
         title=case.name,
-        said=[f"Seed {settings['seed']}, constant Jacobian, W_a; {lost[case.kind]}, {told}."],
+        said=[f"Seed {settings['seed']}, constant Jacobian, W_a; {lost[case.kind]}, {correction}."],
         parameters=recording_properties(settings) | spiral.plant,
         compared={} if case.time_s else {"linear model": list(1e6 * predicted_rad)},
         predicted=(predicted_rad, predicted_rad),
-        checks=found,
+        checks=checks_,
     )
     further = {"linear": spiral.linear, "quasi_static": spiral.quasi_static}
     arrays = hexapod_arrays(spiral.run) | further
     path = folder / f"{case.name}.rrd"
-    write_run(path, hexapod_rig(), spiral.run, about, arrays=arrays, known=told)
+    write_run(path, hexapod_rig(), spiral.run, about, arrays=arrays, known=correction)
 
 
 CAPTION = (
@@ -429,7 +429,7 @@ ALT = (
     "taken as locked disagrees where the suspension is soft. Below: t_x when the coil, or coil "
     "and spring, are lost during the spiral; simulation and linear model coincide."
 )
-DRAWN = {
+PLOTTED = {
     "free_in_flight_corrected": "coil force",
     "loose_in_flight_corrected": "coil force and spring",
 }
@@ -441,7 +441,7 @@ def figure(sweep: pd.DataFrame, spirals: dict[str, Spiral]) -> Figure:
     figure, ratio = new_figure(PAGE_IN, 5.2), sweep.suspension_over_swing
     figure.suptitle("Strut 1 without its coil force: springs determine where the payload goes")
     (reached, off), lower = figure.subplots(2, 2)
-    reached.axhline(1e6 * ASKED_RAD[0], color=GREEN, lw=0.8, ls="--", label="commanded")
+    reached.axhline(1e6 * COMMAND_RAD[0], color=GREEN, lw=0.8, ls="--", label="commanded")
     for name, label, color, style in (
         ("corrected", "simulated, failure known to the mapping", GREEN, "s"),
         ("as_if_locked", "predicted as if strut 1 were locked", START, ":"),
@@ -463,7 +463,7 @@ def figure(sweep: pd.DataFrame, spirals: dict[str, Spiral]) -> Figure:
     off.legend(loc="center left", bbox_to_anchor=(0, 0.29))
     for axes in (reached, off):
         axes.set_xlabel("strut 1: stiffness of suspension / of flexures")
-    for axes, (name, lost) in zip(lower, DRAWN.items(), strict=True):
+    for axes, (name, lost) in zip(lower, PLOTTED.items(), strict=True):
         case, run, _, linear, static, _ = spirals[name]
         simulated = 1e6 * true_twist(run)[:, 3]
         axes.plot(run.time_s, simulated, color=MEASURED, lw=2, alpha=0.5, label="simulated")

@@ -139,7 +139,7 @@ def test_a_reading_of_the_rolled_detector_is_turned_back(seed):
     read = Measurement(detector.read(pose.rotation, rng), np.zeros(6))
     pointing = pointing_angles(pose.rotation)
     # Up to the detector's small-angle optics, the cube of 4 mrad.
-    np.testing.assert_allclose(physics.unrolled(read, pose).output, pointing, atol=5e-8)
+    np.testing.assert_allclose(physics.without_roll(read, pose).output, pointing, atol=5e-8)
 
 
 # What the mapping owes to the major task, and the pseudo-inverse does not.

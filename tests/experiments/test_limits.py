@@ -6,7 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from experiments.limits import Strategy, allocation, line_of_sight, move_arm, redistributed, room
+from experiments.limits import (
+    Strategy,
+    allocation,
+    line_of_sight,
+    move_arm,
+    redistributed,
+    signed_distance,
+)
 from prioritized import ConstrainedSystem
 from tests.profiles import examples
 
@@ -21,7 +28,7 @@ def test_the_outline_is_what_bounded_least_squares_can_reach():
     least = [
         np.sqrt(2 * lsq_linear(J_m, point, (lower, upper), method="bvls").cost) for point in points
     ]
-    found = room(corners, points)
+    found = signed_distance(corners, points)
     np.testing.assert_allclose(-np.minimum(found, 0), least, atol=1e-6)
     assert (found > 0).any()
 
