@@ -40,10 +40,10 @@ def repeat_run(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
     if summary is None or stored.empty:
         raise WrongInput(f"{folder} has no dataset with a case {case}")
     name = str(summary["experiment"])
-    again = getattr(sys.modules[study(name).__module__], "again", None)
-    if again is None:
+    repeatable_runs = getattr(sys.modules[study(name).__module__], "repeatable_runs", None)
+    if repeatable_runs is None:
         raise WrongInput(f"runs of fjh {name} cannot be repeated")
-    runs, repeat = again(summary)
+    runs, repeat = repeatable_runs(summary)
     parameters, row = runs[case], stored.iloc[0]
     if changed := [k for k, v in parameters.parameters().items() if not _is_same(row.get(k), v)]:
         raise WrongInput(

@@ -60,9 +60,7 @@ FARTHEST_M = 1.0  # beyond any distance here
 # where the line of sight is along the forearm. In a sweep about this axis, from x_b towards y_b,
 # the line of sight passes near the forearm when the wrist's pitch axis is parallel to the elbow's.
 SHOULDER, AXIS_DEG, ANGLE_RAD = (0, 1, 2), 133.5, 2.2
-GAIN_PER_S = (
-    0.5  # of the manipulability's slope, about one: slower than servos, faster than the sweep
-)
+GAIN_PER_S = 0.5  # of the manipulability's slope: slower than servos, faster than the sweep
 FADE_S = 2.0  # fade-in of the secondary goal: a step of the desired rates would excite the servos
 PERIOD_S, REST_S = 5e-3, 1.0  # period of the arm's controller; rest at the end of the sweep
 LOOP_GAIN_PER_S = 6.0  # a crossover of 1 Hz: a tenth of the slowest servo mode

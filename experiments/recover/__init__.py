@@ -292,7 +292,9 @@ def record(
     write_run(folder / f"{name}.rrd", exact_rig(), run, about, arrays=hexapod_arrays(run))
 
 
-def again(summary: Mapping[str, Any]) -> tuple[tuple[Case, ...], Callable[[Case], tuple[Row, Run]]]:
+def repeatable_runs(
+    summary: Mapping[str, Any],
+) -> tuple[tuple[Case, ...], Callable[[Case], tuple[Row, Run]]]:
     """The runs that a `recover.json` is of, and what flies one.
 
     Another controller is not run again: its columns are not among those of the dataset.

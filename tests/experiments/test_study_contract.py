@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from experiments.studies import LINES, study
-from experiments.sweep import beside_model
+from experiments.sweep import compare_with_model
 from fjh.study.result import records_of
 from tests.conftest import AT_NIGHT
 from tests.experiments.results import Results
@@ -163,7 +163,7 @@ def failures(
         "from_mjcf": summary.get("J0_from_mjcf_largest_difference"),
     }
     if name in ("atlas", "sweep"):
-        known["beside"] = beside_model(rows)
+        known["beside"] = compare_with_model(rows)
     checks = module.atlas_checks if name == "atlas" else module.checks
     asked = [key for key in signature(checks).parameters if key != "_"]
     return [str(check) for check in checks(*map(known.get, asked)) if not check.passed]

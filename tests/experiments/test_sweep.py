@@ -200,7 +200,7 @@ def test_a_diverging_run_is_a_row(monkeypatch):
 @pytest.fixture(scope="module")
 def rows(study):
     """The runs beside the linear model."""
-    return sweeps.beside_model(study.rows)
+    return sweeps.compare_with_model(study.rows)
 
 
 def test_the_rows_are_the_runs_in_order_and_fly_again(study, rows):
@@ -252,7 +252,7 @@ def test_an_interrupted_sweep_goes_on_to_the_same_bytes(sweep_folder, scheduler,
 
 @pytest.mark.parametrize("column", [sweeps.PREDICTED[0], sweeps.INPUT_PEAK[3]])
 def test_unpredicted_or_saturated_runs_are_not_compared(rows, column):
-    none = sweeps.beside_model(
+    none = sweeps.compare_with_model(
         rows.assign(**{column: np.nan if column in sweeps.PREDICTED else 100.0})
     )
     assert not none.compared.any() and sweeps.prediction(none).compared[0] == 0
@@ -265,7 +265,7 @@ def test_unpredicted_or_saturated_runs_are_not_compared(rows, column):
 @pytest.fixture(scope="module")
 def atlas(atlas_folder):
     """Its runs beside the linear model."""
-    return sweeps.beside_model(Results(atlas_folder, "atlas").rows)
+    return sweeps.compare_with_model(Results(atlas_folder, "atlas").rows)
 
 
 def test_the_representatives_are_one_of_each_set_that_symmetry_makes(model):
