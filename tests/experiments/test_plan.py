@@ -65,7 +65,7 @@ def test_a_failure_is_the_same_whatever_the_plant_and_all_are_drawn():
     assert {len(same) for same in by_draw.values()} == {1}
     assert len({(case.failures[0].actuator, case.failures[0].kind) for case in cases[:18]}) == 18
     for case in cases[:18]:
-        after_s = case.happens_s - case.begin_s
+        after_s = case.onset_s - case.begin_s
         assert round(after_s, 3) == plan.BEFORE_S
         assert case.begin_s > 0 and case.begin_s + case.duration_s <= 16.0
     pairs = [case for case in whole(7) if case.sort == "pair"]

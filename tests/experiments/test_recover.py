@@ -15,8 +15,8 @@ from experiments.again import repeat_run
 from experiments.app.cli import main
 from experiments.recover import plan
 from experiments.recover.plan import exact_rig
-from experiments.recover.predictions import SETTINGS, beliefs, lookalikes
-from experiments.recover.row import COLUMNS, INFORMED_LATE, informed_late
+from experiments.recover.predictions import SETTINGS, ambiguity_rows, stability_rows
+from experiments.recover.row import COLUMNS, LATE_FAILURES, informed_late
 from experiments.recover.tables import checks, delays, grouped, noise_of, per_hour, share
 from fjh.study.errors import WrongInput
 from tests.experiments.results import Results
@@ -46,7 +46,7 @@ def test_a_loop_six_times_as_loud_is_destabilized_by_a_belief():
     rig = exact_rig()
     louder = tuple(replace(each, C=6 * each.C, D=6 * each.D) for each in rig.control.loops)
     testbed = replace(rig.control.testbed, loops=louder)
-    found = beliefs([], replace(rig, control=replace(rig.control, testbed=testbed)))
+    found = stability_rows([], replace(rig, control=replace(rig.control, testbed=testbed)))
     assert max(row["largest_pole"] for row in found) > 1
 
 
@@ -54,7 +54,7 @@ def test_a_loop_six_times_as_loud_is_destabilized_by_a_belief():
 @pytest.mark.night
 def test_told_late_or_wrongly_the_pointing_stays_bounded():
     """At worst the kick of a healthy strut that is let go, and then the errors of a failed one."""
-    told = pd.DataFrame(informed_late(INFORMED_LATE[0]))
+    told = pd.DataFrame(informed_late(LATE_FAILURES[0]))
     assert told.peak_told_during.max() < 0.8 and told.peak_told_after.max() < 0.15
     late = told[told.late_s > 0]
     assert len(late) == 4
@@ -65,7 +65,7 @@ def test_told_late_or_wrongly_the_pointing_stays_bounded():
 @pytest.mark.long
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_the_ambiguity_is_that_of_antipodal_struts_and_the_dither_lifts_it(setting):
-    seen = pd.DataFrame(lookalikes(setting, [0]))
+    seen = pd.DataFrame(ambiguity_rows(setting, [0]))
     if setting == "angles":
         locked = seen[seen.kind == "locked"]
         assert (locked.nearest_other_actuator == "strut4").all() and (locked.alike > 0).all()
@@ -150,12 +150,12 @@ def test_harm_is_more_than_a_tenth_and_more_than_the_noise_in_either_span(errors
     """Errors in microradians, of which the path has a hundred."""
     noise = noise_of(exact_rig())
     assert 100 * noise == pytest.approx(0.3 * sqrt(2))
-    supervised, unaware, after, *_ = *errors, 1.0
+    supervised, undiagnosed, after, *_ = *errors, 1.0
     made = frame(
         sort=["event"],
         event=["sag"],
         rms_supervised_since=[supervised / 100],
-        rms_unaware_since=[unaware / 100],
+        rms_unaware_since=[undiagnosed / 100],
         rms_supervised_after=[after / 100],
         rms_unaware_after=[0.01],
     )
@@ -182,7 +182,7 @@ def test_events_have_rows_a_table_and_checks(tmp_path):
         (flown, good, []),
         (flown, good.assign(counted_worst=[1.2, *good.counted_worst[1:]]), ["is 1.2"]),
         (flown, good.assign(ended=[1, *good.ended[1:]]), ["is inf"]),
-        (thrown, good, ["an event throws far"]),
+        (thrown, good, ["with a large error"]),
     ):
         judged = checks(study.summary, rows, study.tables | {"by_event": by_event})
         found = [str(each) for each in judged if not each.passed]

@@ -24,8 +24,8 @@ def test_a_run_that_ends_early_is_a_row(monkeypatch):
     def diverges(*_arguments):
         raise SimulationDiverged(0.03, np.zeros(3))
 
-    monkeypatch.setattr(rows, "supervised", fails)
-    monkeypatch.setattr(rows, "unaware", diverges)
+    monkeypatch.setattr(rows, "simulate_supervised", fails)
+    monkeypatch.setattr(rows, "simulate_undiagnosed", diverges)
     row = rows.row_of(plan.hexapod_events(["locked"], 1, 2.0, 0)[1])
     assert row["status"] == "ended" and row["message"] == "ValueError: no such number"
     assert "non-finite" in row["unaware_ended"] and set(row) <= set(rows.COLUMNS)
@@ -37,8 +37,8 @@ def test_a_run_that_ends_early_is_a_row(monkeypatch):
 def test_a_lock_is_not_taken_for_the_opposite_strut_nor_for_the_floor(seed, draw):
     """In half a period of the dither hysteresis, dampers and the floor made them alike."""
     case = plan.hexapod_failures([("failure", "all", 1.0, draw + 1)], 0, 0.1, seed)[draw]
-    assert rows.tick_at(exact_rig(), case, case.happens_s) == round(1e3 * plan.BEFORE_S)
-    row, _ = rows.fly(case)
+    assert rows.tick_at(exact_rig(), case, case.onset_s) == round(1e3 * plan.BEFORE_S)
+    row, _ = rows.simulate(case)
     assert row["right"] and not row["healthy_named"] and not row["alarm_before"]
 
 
@@ -46,19 +46,19 @@ def test_a_lock_is_not_taken_for_the_opposite_strut_nor_for_the_floor(seed, draw
 def test_a_command_that_an_alarm_changes_is_noticed_however_little(monkeypatch):
     """Without an alarm the supervised controller sends the commands of the unaware one."""
     [case] = plan.hexapod_failures([], 1, 0.1, 0)
-    run = rows.supervised(case.rig(), case)
+    run = rows.simulate_supervised(case.rig(), case)
     assert run.state.watch.alarm_ticks == ()
-    np.testing.assert_array_equal(run.inputs, rows.unaware(case.rig(), case).inputs)
+    np.testing.assert_array_equal(run.inputs, rows.simulate_undiagnosed(case.rig(), case).inputs)
     watch = replace(run.state.watch, alarm_ticks=(5,))
     state = replace(run.state, watch=watch)
     alarmed = replace(run, inputs=run.inputs + 1e-12, state=state)
-    monkeypatch.setattr(rows, "supervised", lambda *_: alarmed)
+    monkeypatch.setattr(rows, "simulate_supervised", lambda *_: alarmed)
     assert rows.row_of(case)["commands_changed"]
 
 
 def test_a_controller_that_does_nothing_holds_its_commands_on_nan():
     controller = exact_rig().controller()
-    holding = rows.Holding(controller, controller, None)
+    holding = rows.HoldingController(controller, controller, None)
     state = holding.step(holding.start(), np.full(2, 1e-6), Measurement(np.zeros(2), np.zeros(6)))
     held = holding.step(state, np.full(2, 1e-6), Measurement(np.array([np.nan, 0]), np.zeros(6)))
     assert held.ticks == 2 and held.controller is state.controller
