@@ -216,19 +216,19 @@ def many_actuators(rng: np.random.Generator) -> dict[str, Candidate]:
 def batch(rng: np.random.Generator) -> dict[str, Candidate]:
     """Return the candidates for 10,000 Problems 1: in one call, and by daqp one by one."""
     size, count = 10_000, 64
-    stacked = random_problem(6, rng, (size,))
+    batched = random_problem(6, rng, (size,))
     single = [
         replace(
-            stacked,
-            J=stacked.J[k],
-            major=stacked.major[k],
-            joint=stacked.joint[k],
-            secondary=stacked.secondary[k],
+            batched,
+            J=batched.J[k],
+            major=batched.major[k],
+            joint=batched.joint[k],
+            secondary=batched.secondary[k],
         )
         for k in range(count)
     ]
-    check_agreement({"ours": _map(stacked)[:count], "daqp": DAQP.solutions(single)}, TOLERANCE)
-    return {"ours": PRIORITIZED.candidate([stacked], size), "daqp": DAQP.candidate(single)}
+    check_agreement({"ours": _map(batched)[:count], "daqp": DAQP.solutions(single)}, TOLERANCE)
+    return {"ours": PRIORITIZED.candidate([batched], size), "daqp": DAQP.candidate(single)}
 
 
 def limited(rng: np.random.Generator) -> dict[str, Candidate]:

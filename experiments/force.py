@@ -486,10 +486,10 @@ def simulate_internal_force(rng: np.random.Generator) -> Part:
             "without": force_mapping(kin.J, PLATFORM_MAJOR, torque_weight=W3),
             "used": kin.force_mapping(PLATFORM_MAJOR, torque_weight=W3),
         }
-        torques = {way: mapping(f, torque=desired) for way, mapping in mappings.items()}
+        torques = {method: mapping(f, torque=desired) for method, mapping in mappings.items()}
         weighed_n = {w: np.linalg.norm((x - desired) * W3, axis=1) for w, x in torques.items()}
         arrays |= prefixed(f"platform {name}", {"wrench": wrench})
-        for way, torques_n in torques.items():
+        for method, torques_n in torques.items():
             predicted = closure_forces(system, kin, f, torques_n)
             pressed = simulate_load(model, (), torques_n, task=PLATFORM_TASK)
             legs, fixture = pressed.strut_n[:, -1], pressed.fixture[:, -1]
@@ -497,9 +497,9 @@ def simulate_internal_force(rng: np.random.Generator) -> Part:
             rows.append(
                 {
                     "name": name,
-                    "internal_force": way,
-                    "weighed_rms_n": rms(weighed_n[way]),
-                    "saved_at_least_n": (weighed_n["without"] - weighed_n[way]).min(),
+                    "internal_force": method,
+                    "weighed_rms_n": rms(weighed_n[method]),
+                    "saved_at_least_n": (weighed_n["without"] - weighed_n[method]).min(),
                     "hot_motor_rms_n": None if hot is None else rms(torques_n[:, hot]),
                     "least_squeeze_n": squeeze_n if hot is None else None,
                     "internal_rms_n": rms(predicted @ direction),
@@ -509,7 +509,7 @@ def simulate_internal_force(rng: np.random.Generator) -> Part:
                 }
             )
             arrays_of_case = {"torques_n": torques_n, "legs_n": predicted} | pressed._asdict()
-            arrays |= prefixed(f"platform {name} {way}", arrays_of_case)
+            arrays |= prefixed(f"platform {name} {method}", arrays_of_case)
     return {"internal_force": rows}, arrays
 
 
@@ -654,23 +654,23 @@ def figure(tradeoff: pd.DataFrame, internal_force: pd.DataFrame) -> Figure:
     """Plot the error of the moment over the torque, and the force of a hot motor."""
     figure = new_figure(PAGE_IN, 3.0)
     left, right = figure.subplots(1, 2)
-    for way, marker, color, size in (
+    for method, marker, color, size in (
         ("others", ".", BLACK, 4),
         ("pseudo_inverse", "s-", VERMILION, 4),
         ("mapping", "*", BLUE, 9),
     ):
-        points = tradeoff[tradeoff.way == way]
+        points = tradeoff[tradeoff.way == method]
         line = left.semilogy(points.weighed_over_mapping, points.major_off_percent, marker)[0]
-        line.set(color=color, markersize=size, label=way.replace("_", "-"))
+        line.set(color=color, markersize=size, label=method.replace("_", "-"))
     left.set_title("The mapping exerts the moment with the least torque")
     left.set_xlabel("weighted torque, relative to the mapping's")
     left.set_ylabel("error of the moment, %")
     hot = internal_force.dropna(subset="hot_motor_rms_n").groupby("internal_force")
-    for way, place, color in (("without", -0.2, PURPLE), ("used", 0.2, BLUE)):
-        motors = hot.get_group(way)
+    for method, place, color in (("without", -0.2, PURPLE), ("used", 0.2, BLUE)):
+        motors = hot.get_group(method)
         bars = right.bar(np.arange(len(motors)) + place, motors.hot_motor_rms_n, 0.4, color=color)
         right.set_xticks(range(len(motors)), list(motors.name))
-        bars.set_label(f"internal force: {way}")
+        bars.set_label(f"internal force: {method}")
     right.set_title("Internal force relieves a hot motor")
     right.set_ylabel("force of the hot motor, RMS, N")
     one_legend(figure, 5)

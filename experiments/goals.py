@@ -78,7 +78,7 @@ class SecondaryGoal:
 
     @property
     def on_arm(self) -> bool:
-        """True if the machine is the serial arm, False for the hexapod."""
+        """Flag of the serial arm; the machine is the hexapod otherwise."""
         return self.name == "singularity"
 
 

@@ -308,7 +308,7 @@ class Case:
 
     @property
     def is_recorded(self) -> bool:
-        """True if its data and recording are written."""
+        """Flag of runs whose data and recording are written."""
         return self.column == SCALED_COLUMN and (self.stroke_factor, self.spiral_factor) in RECORDED
 
     @property

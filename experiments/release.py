@@ -42,7 +42,7 @@ from sim.plant import FailureKind
 STRUT = 0  # that fails, strut 1 as in the paper
 RATIOS = tuple(10.0**k for k in range(3, -4, -1))  # stiffness of its suspension / its flexures
 COMMAND_RAD = np.array([100e-6, 0.0])  # of the payload at rest
-AT_REST_S = 8.0  # more than ten time constants of the softest motion: 110 N s/m on 197 N/m
+SETTLING_S = 8.0  # more than ten time constants of the softest motion: 110 N s/m on 197 N/m
 MISMATCH_LIMIT_PERCENT = 1.0  # largest difference between simulated and predicted motion
 
 EQUAL = Goal(joint_weight=(1.0,) * 6)
@@ -219,7 +219,7 @@ def ground_row(model: mujoco.MjModel) -> dict[str, Any]:
 
 def settle(plant: Plant, command_m: Array) -> tuple[Array, float]:
     """Return the payload twist and the extension of the released strut at rest."""
-    plant.step(command_m, AT_REST_S)
+    plant.step(command_m, SETTLING_S)
     return plant.displacement(), float(plant.displacements()[STRUT])
 
 

@@ -99,11 +99,11 @@ def row_of(run: SweepRun) -> Row:
         if predicted and PREDICTED[0] not in predicted:
             row["status"] = "unstable"
         return row | measured_columns(simulate_run(run))
-    except SimulationDiverged as diverged:
-        row |= {"status": "diverged", "message": str(diverged)}
-        return row | {"diverged_at_s": diverged.time_s}
-    except ModelError as refused:
-        return row | {"status": "refused", "message": str(refused)}
+    except SimulationDiverged as error:
+        row |= {"status": "diverged", "message": str(error)}
+        return row | {"diverged_at_s": error.time_s}
+    except ModelError as error:
+        return row | {"status": "refused", "message": str(error)}
 
 
 def simulate_run(run: SweepRun) -> Run:

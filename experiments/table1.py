@@ -300,7 +300,7 @@ def further_runs(columns: pd.DataFrame, runs: Mapping[tuple[str, str], Run]) -> 
     if not np.isnan(relative).all():
         rows.append({"runs": "mismatched", "largest_relative_difference": np.nanmax(relative)})
     gaps_m = pd.Series({key: run.closure_max_m for key, run in runs.items()}).groupby(level=0).max()
-    return pd.DataFrame(rows).assign(closure_residual_max_m=lambda found: found.runs.map(gaps_m))
+    return pd.DataFrame(rows).assign(closure_residual_max_m=lambda frame: frame.runs.map(gaps_m))
 
 
 # Checks and tables.

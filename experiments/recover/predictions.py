@@ -47,7 +47,7 @@ SETTINGS = {"angles": STILL, "angles, dither": DITHER}
 _RIGID: tuple[FaultKind, ...] = ("locked", "free")
 _HALF = 0.5
 """Assumed effectiveness of a weak coil."""
-_BEGIN_S, _EARLIEST_S = 6.0, 1.5
+_START_S, _EARLIEST_S = 6.0, 1.5
 
 
 def separations(case: Case) -> tuple[float, float]:
@@ -80,7 +80,7 @@ def ambiguity_rows(setting: str, struts: Sequence[int]) -> list[Row]:
     """
     rig, half_turn_s, dither = exact_rig(), BENCH.spiral_period_s / 2, SETTINGS[setting]
     duration_s = _EARLIEST_S + half_turn_s + EVIDENCE_S + rig.period_s
-    path = BENCH.spiral_rad(duration_s, _BEGIN_S)
+    path = BENCH.spiral_rad(duration_s, _START_S)
     first, half_turn = round(_EARLIEST_S / rig.period_s), round(half_turn_s / rig.period_s)
     gain = rig.mapping(rig.goal).major_gain()
     displacement_m = np.abs(path @ gain.T)[first : first + half_turn]
@@ -112,7 +112,7 @@ def dither_design(struts: Sequence[int] = (0, 1, 2)) -> list[Row]:
     rig, sizes = exact_rig(), list(product(DIRECTIONS, FREQUENCIES_HZ, [DITHER.amplitude]))
     sizes += [("t_z", DITHER.frequency_hz, size) for size in AMPLITUDES_M]
     per_twist, rows = hexapod(rig.model).inverse_jacobian(NOMINAL), []
-    path = BENCH.spiral_rad(_EARLIEST_S + DITHER_EVIDENCE_S, _BEGIN_S)
+    path = BENCH.spiral_rad(_EARLIEST_S + DITHER_EVIDENCE_S, _START_S)
     onset, faults = round(_EARLIEST_S / rig.period_s), list(product(struts, _RIGID))
     for name, hz, size in sizes:
         column = per_twist[:, DIRECTIONS[name]]
