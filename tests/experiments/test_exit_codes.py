@@ -1,4 +1,4 @@
-"""What stops a command: somebody's input, or a mistake of the program."""
+"""Tests of the messages for wrong input and for bugs of the program."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +13,7 @@ from tests.made import made_study
 
 @pytest.fixture
 def measure(tmp_path, monkeypatch):
-    """The words of a command of a study that does this."""
+    """Function from a computation to the arguments of a study's command, which writes nothing."""
 
     def words_of(perform: Callable[..., Any]) -> list[str]:
         study = made_study("measure", lambda **_: perform())
@@ -25,18 +25,18 @@ def measure(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_refusal_of_the_library_is_a_sentence(refused, measure):
-    """One place makes it of whatever check raises, wherever in the project."""
-    said = refused(*measure(lambda: check.array("joint_weight", [1e200])))
-    assert said.startswith("fjh: joint_weight must be smaller than")
+def test_an_argument_error_of_the_library_is_a_sentence(refused, measure):
+    """The message of an argument check is printed."""
+    message = refused(*measure(lambda: check.array("joint_weight", [1e200])))
+    assert message.startswith("fjh: joint_weight must be smaller than")
 
 
-def test_a_mistake_of_the_program_is_reported_as_one(refused, measure, monkeypatch):
-    """Nobody's input is blamed; a variable shows the traceback."""
-    words = measure(lambda: int("no number"))
-    said = refused(*words, code=1)
-    assert said.startswith("fjh: this is a bug of the program")
-    assert "ValueError in test_exit_codes.py" in said and TRACEBACK in said
+def test_a_bug_is_reported_as_one(refused, measure, monkeypatch):
+    """The message is not that of wrong input; a variable shows the traceback."""
+    arguments = measure(lambda: int("no number"))
+    message = refused(*arguments, code=1)
+    assert message.startswith("fjh: this is a bug of the program")
+    assert "ValueError in test_exit_codes.py" in message and TRACEBACK in message
     monkeypatch.setenv(TRACEBACK, "1")
     with pytest.raises(ValueError, match="no number"):
-        cli.main(words)
+        cli.main(arguments)
