@@ -246,7 +246,7 @@ def angle_rows(
 ) -> pd.DataFrame:
     """Return the pointing errors of a run and their change from the reference, a row per angle."""
     evaluated = run.time_s >= (0.0 if goal.on_arm else EVALUATED_FROM_S)
-    error_urad, expected_urad = (1e6 * each.error_rad[evaluated] for each in (run, reference))
+    error_urad, expected_urad = (1e6 * one.error_rad[evaluated] for one in (run, reference))
     difference_urad = 1e6 * (run.error_rad - reference.error_rad)
     peak_urad, expected_peak_urad = (np.abs(e).max(axis=0) for e in (error_urad, expected_urad))
     columns = {

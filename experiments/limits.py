@@ -83,7 +83,7 @@ def strategies(*, quick: bool, loop: bool) -> list[Strategy]:
         Strategy("strict"),
         *([Strategy("strict", slowness=inf)] if loop else []),
         *([] if quick else [Strategy("scaled")]),
-        *(Strategy("clipping", slowness=each) for each in slowness),
+        *(Strategy("clipping", slowness=factor) for factor in slowness),
         Strategy("redistributed"),
         *(Strategy("weighted", weight) for weight in weights),
         Strategy("unlimited"),

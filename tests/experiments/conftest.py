@@ -79,7 +79,9 @@ def smaller_values(name: str) -> dict[str, Any]:
     if name == "systems":
         from experiments.systems import MECHANISMS
 
-        few = [replace(each, conditions=each.conditions[:2]) for each in MECHANISMS[:2]]
+        few = [
+            replace(mechanism, conditions=mechanism.conditions[:2]) for mechanism in MECHANISMS[:2]
+        ]
         return {"systems.MECHANISMS": few}
     if name == "limits":
         from experiments.limits import Strategy

@@ -32,8 +32,8 @@ def test_the_published_compensator_has_the_published_margins(model, row):
     G = np.polyval(measures["numerator"], s) / np.polyval(measures["denominator"], s)
     L = G * complex(plant.C_twist[row] @ moved)
     assert abs(L) == pytest.approx(1, rel=1e-3)
-    held_deg = np.rad2deg(abs(s) * TestbedConfig().control_period_s / 2)  # by the zero-order hold
-    margin_deg = 180 + np.rad2deg(np.angle(L)) - held_deg
+    delay_deg = np.rad2deg(abs(s) * TestbedConfig().control_period_s / 2)  # by the zero-order hold
+    margin_deg = 180 + np.rad2deg(np.angle(L)) - delay_deg
     assert margin_deg == pytest.approx(measures["phase_margin_deg"], abs=0.2)
 
 

@@ -24,8 +24,8 @@ from tests.experiments.results import Results
 
 def test_failures_are_detected_isolated_and_compensated(study):
     """Plants are exact or with all mismatches; the tables are those of the rows."""
-    flown, tables = study.rows, study.tables
-    assert list(flown) == COLUMNS and list(flown.case) == list(range(study.summary["runs"]))
+    dataset, tables = study.rows, study.tables
+    assert list(dataset) == COLUMNS and list(dataset.case) == list(range(study.summary["runs"]))
     failures = tables["by_mismatch"].query("factor == 1.0").set_index("mismatch")
     assert {*failures.index} == {"exact", "all"}
     assert (failures[["right_rate", "detected_rate"]] == 1.0).all(axis=None)
@@ -34,7 +34,7 @@ def test_failures_are_detected_isolated_and_compensated(study):
     assert not tables["healthy"].alarms.any() and tables["beliefs"].sensitivity_peak.max() < 3
     assert failures.over_informed_after_pooled.between(0.9, 1.1).all()
     assert (tables["pairs"].handled_rate == 1.0).all()
-    mixed = flown.query("sort == 'failure' and mismatch == 'all'")
+    mixed = dataset.query("sort == 'failure' and mismatch == 'all'")
     assert failures.right_count["all"] == mixed.right.sum()
     assert (mixed.rms_supervised_after < 0.95 * mixed.rms_unaware_after).all()
     assert (mixed.alarm_s.gt(0) & mixed.alarm_s.le(mixed.named_s)).all()
@@ -44,7 +44,7 @@ def test_failures_are_detected_isolated_and_compensated(study):
 
 def test_a_loop_with_six_times_the_gain_is_unstable_with_a_diagnosis():
     rig = exact_rig()
-    louder = tuple(replace(each, C=6 * each.C, D=6 * each.D) for each in rig.control.loops)
+    louder = tuple(replace(loop, C=6 * loop.C, D=6 * loop.D) for loop in rig.control.loops)
     testbed = replace(rig.control.testbed, loops=louder)
     result = stability_rows([], replace(rig, control=replace(rig.control, testbed=testbed)))
     assert max(row["largest_pole"] for row in result) > 1
@@ -124,7 +124,7 @@ def test_the_groups_count_the_rows():
     )
     result = grouped(made, 0.0)
     assert {*result} == {"by_mismatch", "by_kind"}
-    [mixed], [free, locked] = (each.to_dict("records") for each in result.values())
+    [mixed], [free, locked] = (table.to_dict("records") for table in result.values())
     assert [mixed["runs"], mixed["ended"], locked["ended"]] == [3, 1, 1]
     assert [free["right_count"], free["right_cases"], locked["right_cases"]] == [1, 2, 0]
     assert free["isolable_right_count"] == free["kinds_alike"] == free["kind_right_cases"] == 1
@@ -169,21 +169,21 @@ def test_events_have_rows_a_table_and_checks(tmp_path):
     """Checks detect harm in rows made by the command."""
     assert main(["recover", "--events", "--quick", "--quiet", "--out", str(tmp_path)]) in (0, 1)
     study = Results(tmp_path, "recover")
-    flown, events = study.rows, study.tables["by_event"]
+    simulated, events = study.rows, study.tables["by_event"]
     assert tuple(events.event) == plan.QUICK_EVENTS
-    lock = flown[flown.event == "locked"].iloc[0]
+    lock = simulated[simulated.event == "locked"].iloc[0]
     assert lock.right and lock.kind_right and not lock.healthy_named
     # The informed controller is best, the supervised one between it and that without diagnosis.
     errors = [lock[f"rms_{who}_since"] for who in ("informed", "supervised", "unaware")]
-    assert errors == sorted(errors) and flown.alarms[0] == 0
+    assert errors == sorted(errors) and simulated.alarms[0] == 0
     good = events.assign(counted_worst=1.0, ended=0)
-    large_errors = flown.assign(peak_supervised_since=99.0, closure_residual_max_m=2e-7)
+    large_errors = simulated.assign(peak_supervised_since=99.0, closure_residual_max_m=2e-7)
     for rows, by_event, expected in (
-        (flown, good, []),
-        (flown, good.assign(counted_worst=[1.2, *good.counted_worst[1:]]), ["is 1.2"]),
-        (flown, good.assign(ended=[1, *good.ended[1:]]), ["is inf"]),
+        (simulated, good, []),
+        (simulated, good.assign(counted_worst=[1.2, *good.counted_worst[1:]]), ["is 1.2"]),
+        (simulated, good.assign(ended=[1, *good.ended[1:]]), ["is inf"]),
         (large_errors, good, ["with a large error"]),
     ):
         evaluated = checks(study.summary, rows, study.tables | {"by_event": by_event})
-        result = [str(each) for each in evaluated if not each.passed]
+        result = [str(entry) for entry in evaluated if not entry.passed]
         assert len(result) == len(expected) and all(part in result[0] for part in expected)

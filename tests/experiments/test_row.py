@@ -60,8 +60,10 @@ def test_a_controller_without_diagnosis_keeps_its_commands_on_nan():
     controller = exact_rig().controller()
     holding = rows.HoldingController(controller, controller, None)
     state = holding.step(holding.start(), np.full(2, 1e-6), Measurement(np.zeros(2), np.zeros(6)))
-    held = holding.step(state, np.full(2, 1e-6), Measurement(np.array([np.nan, 0]), np.zeros(6)))
-    assert held.ticks == 2 and held.controller is state.controller
+    state_after = holding.step(
+        state, np.full(2, 1e-6), Measurement(np.array([np.nan, 0]), np.zeros(6))
+    )
+    assert state_after.ticks == 2 and state_after.controller is state.controller
 
 
 def columns_of(

@@ -245,13 +245,13 @@ def test_an_interrupted_sweep_continues_to_the_same_bytes(
     where = Where(scheduler=scheduler)
     with pytest.raises(Interrupted, match="9 of 30 runs are saved"):
         sweeps.sweep(design=SHORT_SWEEP, where=where, folder=tmp_path, on_progress=interrupt)
-    words = ["sweep", "--design", str(SHORT_SWEEP), "--out", str(tmp_path), "--quiet"]
-    assert main(words) == 2
-    assert main([*words, "--resume", "--seed", "5"]) == 2
+    arguments = ["sweep", "--design", str(SHORT_SWEEP), "--out", str(tmp_path), "--quiet"]
+    assert main(arguments) == 2
+    assert main([*arguments, "--resume", "--seed", "5"]) == 2
     assert "--resume" in capsys.readouterr().err
-    assert main([*words, "--resume", "--scheduler", scheduler]) == 0
+    assert main([*arguments, "--resume", "--scheduler", scheduler]) == 0
     assert not (tmp_path / UNFINISHED).exists()
-    assert main([*words, "--resume"]) == 0
+    assert main([*arguments, "--resume"]) == 0
     for file in ("sweep.parquet", "sweep.json"):
         assert (sweep_folder / file).read_bytes() == (tmp_path / file).read_bytes()
 
@@ -313,9 +313,9 @@ def test_only_conditions_classified_as_possible_point(atlas):
 
 def test_the_only_disagreement_is_at_a_singularity_of_the_nominal_pose(model, atlas):
     """Near it the lost direction can be moved with a large gain."""
-    found = sweeps.disagreements(atlas)
-    assert found.explained.all()
-    assert set(zip(found.struts, found.jacobian, strict=True)) == {("SFFSLF", "analytic")}
+    off_rows = sweeps.disagreements(atlas)
+    assert off_rows.explained.all()
+    assert set(zip(off_rows.struts, off_rows.jacobian, strict=True)) == {("SFFSLF", "analytic")}
     by = atlas.set_index(["struts", "jacobian"])
     constant, analytic = by.loc["SFFSLF", "constant"], by.loc["SFFSLF", "analytic"]
     assert constant[sweeps.RMS[0]] == pytest.approx(constant[sweeps.PREDICTED[0]], rel=0.05)

@@ -19,7 +19,7 @@ from tests.fjh.rigs import rig as shared_rig
 @pytest.fixture(scope="module")
 def runs(study):
     """Arrays of each column, by name."""
-    return {each["name"]: study.arrays(each["data"]) for each in study.summary["columns"]}
+    return {column["name"]: study.arrays(column["data"]) for column in study.summary["columns"]}
 
 
 CORRECTED = ["W_a", "W_b", "W_c", "W_d", "W_e"]
@@ -46,7 +46,9 @@ def test_weights_and_a_known_lock_do_not_change_the_tracking(table1, angle):
 
 @pytest.mark.parametrize(("name", "spared"), [("W_b", [0, 2, 4]), ("W_c", [1, 3, 5])])
 def test_weighted_struts_have_smaller_inputs_and_the_others_larger_ones(table1, name, spared):
-    rms = (table1["by_name"][each]["strut_input_rms_percent"] for each in (name, "W_a"))
+    rms = (
+        table1["by_name"][column_name]["strut_input_rms_percent"] for column_name in (name, "W_a")
+    )
     change = np.divide(*rms)
     others = np.setdiff1d(range(6), spared)
     assert np.all(change[spared] < 0.7)
