@@ -196,9 +196,7 @@ DAQP_LEVELS = Solver(lambda *arguments: daqp.solve(*arguments, **STRICT), _in_le
 
 
 def _compared(problems: Sequence[Problem], **solvers: Solver) -> dict[str, Candidate]:
-    check_agreement(
-        {name: solver.solutions(problems) for name, solver in solvers.items()}, TOLERANCE
-    )
+    check_agreement({name: s.solutions(problems) for name, s in solvers.items()}, TOLERANCE)
     return {name: solver.candidate(problems) for name, solver in solvers.items()}
 
 

@@ -32,10 +32,7 @@ def candidates() -> dict[str, list[str]]:
 
 
 def times_us(run: dict[str, Any]) -> pd.Series:
-    """Return the time of one tick or mapping [us], by question and candidate.
-
-    It is the least of all rounds and turns.
-    """
+    """Return the least time of one tick or mapping [us], by question and candidate."""
     times = pd.DataFrame(
         entry["extra_info"] | {"us": 1e6 * entry["stats"]["min"]} for entry in run["benchmarks"]
     )
@@ -69,10 +66,7 @@ def exceeding(rows: pd.DataFrame) -> list[str]:
 
 
 def figure(rows: pd.DataFrame) -> Figure:
-    """Plot the ratios on a logarithmic axis, with their goals as ticks.
-
-    This library is faster where a ratio is below 1.
-    """
+    """Plot the ratios on a logarithmic axis; below 1 this library is faster; goals are ticks."""
     plot = Figure(figsize=(8.0, 0.26 * len(rows) + 0.8), layout="constrained")
     axes = plot.add_subplot()
     axes.axvline(1.0, color="0.6", linewidth=1.0)

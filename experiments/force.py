@@ -41,16 +41,12 @@ from sim.plant import FailureKind, failed_plant
 SAMPLES, MAJOR_N_M, FORCE_N, TWIST_N_M = 4, 3.0, 20.0, 2.0
 # W3 [1]/[N]: struts 1, 3 and 5 are hot, as under the paper's W_b. With W3 = I there would be no
 # trade-off: in the orthogonal hexapod the torque of least norm exerts no secondary force.
-TORQUE_WEIGHTS = (2.0, 1.0, 2.0, 1.0, 2.0, 1.0)
+W3_HOT = (2.0, 1.0, 2.0, 1.0, 2.0, 1.0)
 # W4 of [f_x, f_y, f_z, m_z]: a moment counts as its force at the nodes, at 0.33 m.
-FORCE_WEIGHTS = (1.0, 1.0, 1.0, 3.0)
+W4_LEVER = (1.0, 1.0, 1.0, 3.0)
 
 Weights = tuple[Sequence[float] | None, Sequence[float] | None]
-GOALS: dict[int, Weights] = {
-    7: (TORQUE_WEIGHTS, FORCE_WEIGHTS),
-    8: (TORQUE_WEIGHTS, None),
-    9: (None, FORCE_WEIGHTS),
-}
+GOALS: dict[int, Weights] = {7: (W3_HOT, W4_LEVER), 8: (W3_HOT, None), 9: (None, W4_LEVER)}
 """Diagonals of W3 and W4 in Problem 6, by the theorem that solves it without failures; None: 0."""
 WITHOUT_W4, PRESCRIBED = 8, 9
 
@@ -66,7 +62,7 @@ HOT, SQUEEZE_N = 3.0, 30.0  # weight of a hot motor, others 1; bias that closes 
 
 # Clamped, only the closures move; else the softest mode, 31.6 Hz, decays to 3e-5.
 FIXTURE, SAMPLE_S, OFFSET_S, PRESS_S, LOAD_S = "fixture", 0.01, 0.05, 0.05, 0.6
-DIFFERENCE_PERCENT, COST_EXCESS, ROUND_OFF_N = 1.0, 1e-9, 1e-9  # limits of the checks
+LIMIT, COST_EXCESS, ROUND_OFF_N = 1.0, 1e-9, 1e-9  # limits of the checks, the first one in %
 
 
 @dataclass(frozen=True)
@@ -192,9 +188,8 @@ def simulate_load(
     before, samples_read, gaps = gauges.read(), [], []
     # At rest at zero an actuator exerts gain * command.
     commands = torques / plant.model.actuator_gainprm[:, 0]
-    for command, push in zip(
-        commands, np.zeros((L, 6)) if wrenches is None else -wrenches, strict=True
-    ):
+    pushes = np.zeros((L, 6)) if wrenches is None else -wrenches
+    for command, push in zip(commands, pushes, strict=True):
         plant.push(push)
         for _ in range(steps):
             plant.step(command, SAMPLE_S)
@@ -285,7 +280,7 @@ class Solution(NamedTuple):
     torques: Array  # of the coils, (D, 6), [N]; zero at failed struts
     wrench: Array  # exerted by these torques, (D, 6)
     strut: Array  # forces of the closures, eq. (11), at locks their reaction, (D, 6), [N]
-    projector: Array  # orthogonal projector on the wrenches that the actuators span, (6, 6)
+    span: Array  # orthogonal projector on the wrenches that the actuators span, (6, 6)
     cost_excess: Array  # over the minimum, relative to the cost of torques and target, (D,)
 
 
@@ -307,7 +302,7 @@ def solve_theorem(system: ConstrainedSystem, theorem: int, targets: Array) -> So
         torques=torques,
         wrench=wrench,
         strut=closure_forces(system, kin, wrench, survivors),
-        projector=np.eye(6) - mapping.reaction,
+        span=np.eye(6) - mapping.reaction,
         cost_excess=(cost - least_cost(weight, equilibrium_set(system, major), target)) / total,
     )
 
@@ -328,7 +323,7 @@ def simulate_condition(condition: Condition, system: ConstrainedSystem, targets:
     torques = {"rigid": solutions[PRESCRIBED].torques}
     if released := system.failures.free:
         kin = elastic_system(load_model()).with_failures(free=released).kinematics()
-        mapping = kin.force_mapping(MAJOR, SECONDARY, secondary_weight=FORCE_WEIGHTS)
+        mapping = kin.force_mapping(MAJOR, SECONDARY, secondary_weight=W4_LEVER)
         goals = targets.take(SECONDARY, axis=1)
         torques["elastic"] = kin.expand(mapping(targets[:, MAJOR], secondary_force=goals))
     locked = sorted(system.failures.locked)
@@ -352,7 +347,7 @@ def _press(
         "cost_excess": solution.cost_excess.max(),
         "torque_peak_n": np.abs(solution.torques).max(),
         "pressed_off_percent": percent(
-            (fixture - solution.wrench) @ solution.projector, solution.wrench
+            (fixture - solution.wrench) @ solution.span, solution.wrench
         ),
         "pressed_major_off_percent": difference_percent(fixture[:, MAJOR], targets[:, MAJOR]),
         "held_off_percent": difference_percent(loaded.strut_n[:, -1], solution.strut),
@@ -425,7 +420,7 @@ def payload_stiffness(model: mujoco.MjModel) -> Array:
 def compare_torques(moment: Array, rng: np.random.Generator) -> Part:
     """Compare torques for one major force (2,): of the mapping, random ones, pseudo-inverses."""
     model, system = with_fixture(HEXAPOD_MJCF), failed_system(Condition())
-    kin, W3 = system.kinematics(), np.array(TORQUE_WEIGHTS)
+    kin, W3 = system.kinematics(), np.array(W3_HOT)
     best = kin.expand(kin.force_mapping(MAJOR, SECONDARY, *GOALS[WITHOUT_W4])(moment[None]))
     directions = canonical_basis(scipy.linalg.orth(equilibrium_set(system, moment[None])[1][:6]))
     offsets = rng.normal(size=(OTHER_TORQUES, directions.shape[1])) @ directions.T
@@ -561,12 +556,12 @@ def force(
 
 def checks(tables: dict[str, pd.DataFrame]) -> list[Check]:
     """Check forces and motions against the prediction, and the cost against other torques."""
-    theorems, cases = tables["theorems"], tables["internal_force"]
+    theorems, uses = tables["theorems"], tables["internal_force"]
     theorems = theorems.set_index(["condition", "theorem " + theorems.theorem.astype(str)])
     # Clamped, a lock and the fixture share a wrench that no torque affects: not compared.
     claimed = theorems[theorems.kind != "locked"].pressed_major_off_percent
     first = tables["prescribed"].query("load == 1").set_index(["condition", "mapping"])
-    cases = cases.set_index(["name", "internal force " + cases.internal_force])
+    uses = uses.set_index(["name", "internal force " + uses.internal_force])
     torques = tables["tradeoff"].set_index("way")
     exact = torques.drop("pseudo_inverse").major_off_percent
     least = torques.weighed_over_mapping["others"].min(skipna=False)
@@ -577,26 +572,16 @@ def checks(tables: dict[str, pd.DataFrame]) -> list[Check]:
         *check("closure residual [m]", theorems.closure_residual_max_m, CLOSURE_LIMIT_M),
         *check("status other than exact", 1.0 - theorems.exact, 0.5),
         *check("relative excess over the minimum cost", theorems.cost_excess, COST_EXCESS),
-        *check(off("the wrench on the fixture"), theorems.pressed_off_percent, DIFFERENCE_PERCENT),
-        *check(off("the strut forces"), theorems.held_off_percent, DIFFERENCE_PERCENT),
-        *check(off("the payload's position"), theorems.moved_percent, DIFFERENCE_PERCENT),
-        *check(off("the major force"), claimed, DIFFERENCE_PERCENT),
-        *check(
-            off("the payload's position"),
-            first.off_percent,
-            DIFFERENCE_PERCENT,
-            "prescribed wrench",
-        ),
+        *check(off("the wrench on the fixture"), theorems.pressed_off_percent, LIMIT),
+        *check(off("the strut forces"), theorems.held_off_percent, LIMIT),
+        *check(off("the payload's position"), theorems.moved_percent, LIMIT),
+        *check(off("the major force"), claimed, LIMIT),
+        *check(off("the payload's position"), first.off_percent, LIMIT, "prescribed wrench"),
         *check(what, 1 / least, 1.0, "mapping"),
-        *check(off("the major force"), exact, DIFFERENCE_PERCENT),
-        *check(more, -cases.saved_at_least_n, ROUND_OFF_N, "platform"),
-        *check(
-            off("the wrench on the fixture"),
-            cases.wrench_off_percent,
-            DIFFERENCE_PERCENT,
-            "platform",
-        ),
-        *check(off("the leg forces"), cases.legs_off_percent, DIFFERENCE_PERCENT, "platform"),
+        *check(off("the major force"), exact, LIMIT),
+        *check(more, -uses.saved_at_least_n, ROUND_OFF_N, "platform"),
+        *check(off("the wrench on the fixture"), uses.wrench_off_percent, LIMIT, "platform"),
+        *check(off("the leg forces"), uses.legs_off_percent, LIMIT, "platform"),
     ]
 
 

@@ -238,12 +238,10 @@ def influence(rows: pd.DataFrame, varied: list[str]) -> pd.DataFrame:
 
     It is undefined, and left out, if all errors are equal.
     """
-    completed = rows[rows[RMS[0]].notna()]
-    errors = completed[RMS].set_axis([*ANGLES], axis=1).apply(ranks)
-    values = completed[varied].dropna(axis=1)
-    values = values.loc[
-        :, (values.nunique() > 1) & (len(completed) > 2) & (errors.nunique() > 1).all()
-    ]
+    done = rows[rows[RMS[0]].notna()]
+    errors = done[RMS].set_axis([*ANGLES], axis=1).apply(ranks)
+    values = done[varied].dropna(axis=1)
+    values = values.loc[:, (values.nunique() > 1) & (len(done) > 2) & (errors.nunique() > 1).all()]
     correlations = {angle: values.corrwith(errors[angle], method="spearman") for angle in ANGLES}
     correlations = pd.DataFrame(correlations).rename_axis("name").reset_index()
     return correlations.iloc[ascending(-correlations[[*ANGLES]].abs().max(axis=1))]
@@ -254,10 +252,8 @@ def checks(rows: pd.DataFrame) -> list[Check]:
     covered = rows[rows.compared]
     if covered.empty:
         return []
-    worst, what = (
-        covered.iloc[greatest(covered.off_over_allowed)],
-        "difference between the RMS error",
-    )
+    worst = covered.iloc[greatest(covered.off_over_allowed)]
+    what = "difference between the RMS error"
     what += f" and the linear model's, divided by {100 * TOLERANCE:g} % plus one converter step,"
     gap_m = covered.closure_residual_max_m.max(skipna=False)
     return [

@@ -382,8 +382,8 @@ def systems(
         for condition in mechanism.conditions[: 3 if quick else None]
     ]
     results: list[ConditionResult] = in_parallel(classify_and_simulate, calls, on_progress)
-    groups = {m: [result for result in results if result.mechanism == m] for m in MECHANISMS}
-    table = pd.DataFrame([result.row for result in results])
+    groups = {m: [one for one in results if one.mechanism == m] for m in MECHANISMS}
+    table = pd.DataFrame([one.row for one in results])
     settings = origin(seed) | {
         "model_sha256": {mechanism.name: model_sha256(mechanism.path) for mechanism in groups},
         "step_m_or_rad": STEP,
@@ -398,9 +398,7 @@ def systems(
         arrays={
             # Names end with the number of the condition.
             f"{mechanism.name}.npz": {
-                f"{name}_{k}": A
-                for k, result in enumerate(group)
-                for name, A in result.path.items()
+                f"{name}_{k}": A for k, one in enumerate(group) for name, A in one.path.items()
             }
             for mechanism, group in groups.items()
         },

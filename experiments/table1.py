@@ -311,16 +311,14 @@ def checks(columns: pd.DataFrame, further: pd.DataFrame, duration_s: float) -> l
     by_name, result = columns.set_index("name"), list[Check]()
     own_rows, other_rows = by_name[by_name.origin != "other"], by_name[by_name.origin == "other"]
     mismatched = own_rows[own_rows.filter(like="mismatched_").notna().any(axis=1)]
-    for rows, kind, suffix, limit in (
+    for rows, kind, when, limit in (
         (own_rows, "", "", metrics.prediction_tolerance(duration_s)),
         (mismatched, "mismatched_", " with all mismatches", MISMATCH_TOLERANCE),
     ):
         for angle in ANGLES:
             expected = rows[f"{kind}predicted_{angle}_rms_urad"]
             off = (rows[f"{kind}{angle}_rms_urad"] - expected).abs() / expected.abs()
-            what = (
-                f"relative difference of the RMS error of {angle}{suffix} from the linear model's"
-            )
+            what = f"relative difference of the RMS error of {angle}{when} from the linear model's"
             result += check(what, off, limit)
     result += check("closure residual [m]", by_name.closure_residual_max_m, CLOSURE_LIMIT_M)
     residual_m = further.set_index("runs").closure_residual_max_m
@@ -363,10 +361,7 @@ def printed(columns: pd.DataFrame, *names: str, cut: bool) -> pd.DataFrame:
     selected["largest_input_percent"] = selected.strut_input_rms_percent.map(max)
     return pd.DataFrame(
         {"quantity": label}
-        | {
-            name: "" if pd.isna(value) else format(value, digits)
-            for name, value in selected[key].items()
-        }
+        | {name: "" if pd.isna(x) else format(x, digits) for name, x in selected[key].items()}
         for label, key, digits in NUMBERS
         if selected[key].notna().any() and not (cut and key.startswith("paper"))
     )
@@ -424,10 +419,8 @@ def record(
     predicted = [1e-6 * value for value in urad["linear model"]] if urad else None
     known = "uncorrected" if "uncorrected" in name else "corrected"
     locked = ", ".join(f"strut {k + 1} locked, {known}" for k in row["locked"]) or "no failure"
-    controller_text = (
-        f"controller {controller}" if controller else f"{settings['jacobian']} Jacobian"
-    )
-    text = f"seed {settings['seed']}, {settings['duration_s']:g} s, {controller_text}; {locked}."
+    how = f"controller {controller}" if controller else f"{settings['jacobian']} Jacobian"
+    text = f"seed {settings['seed']}, {settings['duration_s']:g} s, {how}; {locked}."
     chosen = "locked", "free", "joint_weight", "secondary_weight_t_x_t_y_t_z_gamma", "controller"
     # The viewer uses one layout for all recordings of an identity.
     parts = "table1", settings["configuration"], name, f"seed{settings['seed']}"

@@ -373,13 +373,8 @@ def uncorrected(
     damping = np.geomspace(0.005, 0.2, 3 if quick else 9)
     crossover_hz = np.geomspace(3.0, 24.0, 3 if quick else 10)
     columns = [
-        {
-            "work": simulate_column,
-            "candidate": candidate,
-            "column": column,
-            "duration_s": duration_s,
-        }
-        for candidate, column in product(selected, COLUMNS)
+        {"work": simulate_column, "candidate": one, "column": column, "duration_s": duration_s}
+        for one, column in product(selected, COLUMNS)
     ]
     grid = {"work": map_row, "alpha_crossover_hz": crossover_hz}
     points = [

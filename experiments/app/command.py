@@ -32,7 +32,7 @@ def command(study: Study) -> Callable[..., None]:
     name = study.__name__
 
     def run(*, out: Path, quiet: bool, **values: Any) -> None:
-        result, summary = conduct(study, out, visible=not quiet, **values)
+        result, summary = conduct(study, out, show=not quiet, **values)
         if not quiet:
             for table in result.shown:
                 print_table(table)
@@ -45,14 +45,14 @@ def command(study: Study) -> Callable[..., None]:
 
 
 def conduct(
-    study: Study, folder: Path, *, visible: bool, name: str = "", **values: Any
+    study: Study, folder: Path, *, show: bool, name: str = "", **values: Any
 ) -> tuple[Any, dict[str, Any]]:
     """Run a study and write its result to the folder.
 
     Args:
         study: Function of the study.
         folder: Folder of the results.
-        visible: Whether a progress bar is displayed.
+        show: Whether a progress bar is displayed.
         name: Label of the progress bar; by default the name of the study.
         values: Values of its options, by name.
 
@@ -70,7 +70,7 @@ def conduct(
     if "folder" in parameters:
         arguments["folder"] = folder
     with alone_in(folder), ExitStack() as running:
-        arguments["on_progress"] = running.enter_context(progress(label, visible=visible))
+        arguments["on_progress"] = running.enter_context(progress(label, show=show))
         try:
             with diverged_into(folder):
                 result = study(**arguments)
@@ -80,7 +80,7 @@ def conduct(
             text = "interrupted: finished runs are saved, and --resume continues"
             raise Interrupted(text) from None
         running.close()  # only one progress bar at a time
-        with progress(f"{label}: files", visible=visible) as on_progress:
+        with progress(f"{label}: files", show=show) as on_progress:
             summary = result.publish(study.__name__, folder, on_progress)
         (folder / UNFINISHED).unlink(missing_ok=True)
         return result, summary

@@ -50,30 +50,20 @@ def report(
     Example: fjh paper report --quick --out /tmp/report
     """
     usable_folder(out)
-    summary = run_report(STUDIES, out, seed=seed, quick=quick, visible=not quiet)
+    summary = run_report(STUDIES, out, seed=seed, quick=quick, show=not quiet)
     complaints = {entry["name"]: entry["complaint"] for entry in summary["chapters"]}
-    failed = "; ".join(
-        f"{name}: {complaint}" for name, complaint in complaints.items() if complaint
-    )
+    failed = "; ".join(f"{name}: {text}" for name, text in complaints.items() if text)
     if not quiet:
-        following = (
-            "fjh paper report" if quick else "fjh track --help"
-        )  # next: the user's own robot
-        checked = (
-            f"Failed: {failed}." if failed else f"All checks passed ({len(complaints)} studies)."
-        )
+        following = "fjh paper report" if quick else "fjh track --help"
+        passed = f"All checks passed ({len(complaints)} studies)."
+        checked = f"Failed: {failed}." if failed else passed
         print_summary(checked, out / "report.html", following)
     if failed:
         raise Unsound(f"a study failed: {failed}")
 
 
 def run_report(
-    studies: Mapping[str, Mapping[str, Any]],
-    folder: Path,
-    *,
-    seed: int,
-    quick: bool,
-    visible: bool,
+    studies: Mapping[str, Mapping[str, Any]], folder: Path, *, seed: int, quick: bool, show: bool
 ) -> dict[str, Any]:
     """Run every study that is not complete in the folder, and add it to the page.
 
@@ -94,7 +84,7 @@ def run_report(
         if name not in entries:
             values, label = {"seed": seed, "quick": quick, **options}, f"{k}/{len(studies)} {name}"
             try:
-                entries[name] = _run(name, folder / name, values, label, visible)
+                entries[name] = _run(name, folder / name, values, label, show)
             except (KeyboardInterrupt, Interrupted):
                 where = f"{name}, study {k} of {len(studies)}"
                 again = f"finished studies are kept, and the same command continues with {where}"
@@ -115,13 +105,13 @@ def run_report(
 
 
 def _run(
-    name: str, folder: Path, values: Mapping[str, Any], label: str, visible: bool
+    name: str, folder: Path, values: Mapping[str, Any], label: str, show: bool
 ) -> dict[str, Any]:
     """Run a study into its folder; return its entry in `report.json`."""
     function, start = study(name), time.perf_counter()
     try:
         # Unfinished runs of the same study are continued.
-        run_options = {"resume": None, "visible": visible, "name": label}
+        run_options = {"resume": None, "show": show, "name": label}
         result, summary = conduct(function, folder, **run_options, **values)
         complaint, files = "; ".join(result.failed), summary["files"]
     except Unsound as unsound:  # it diverged: there are no results

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def progress(description: str, *, visible: bool = True) -> Iterator[OnProgress]:
+def progress(description: str, *, show: bool = True) -> Iterator[OnProgress]:
     """Display a progress bar on standard error, if that is a terminal.
 
     Its label is "preparing" until the number of steps is known, and "evaluating" after the last
@@ -31,7 +31,7 @@ def progress(description: str, *, visible: bool = True) -> Iterator[OnProgress]:
         *(rich.TimeElapsedColumn(), rich.TimeRemainingColumn()),
         console=Console(stderr=True),
         transient=True,
-        disable=not (visible and sys.stderr.isatty()),
+        disable=not (show and sys.stderr.isatty()),
     )
     with bar:
         task = bar.add_task(f"{description}: preparing", total=None, steps="")

@@ -114,10 +114,7 @@ def recover(
         "scheduler": where.scheduler,
     }
     robot_options = {"turn": turn != TURN_S, "dither": dither != "designed"}
-    robot_options |= {
-        option.name: getattr(robot, option.name) != option.default
-        for option in fields(RobotOptions)
-    }
+    robot_options |= {f.name: getattr(robot, f.name) != f.default for f in fields(RobotOptions)}
     refuse_others(hexapod_options, robot_options, is_robot=model is not None, events=events)
     if controller is not None:
         controller_factory(controller)  # raises for a wrong name, before anything runs
@@ -168,27 +165,23 @@ def recover(
 
 
 def refuse_others(
-    hexapod_options: Mapping[str, Any],
-    robot_options: Mapping[str, Any],
-    *,
-    is_robot: bool,
-    events: bool,
+    hexapod: Mapping[str, Any], robot: Mapping[str, Any], *, is_robot: bool, events: bool
 ) -> None:
     """Check that no option for other cases is given; options other than their defaults are true.
 
     Raises:
         WrongInput: An option for other cases is given.
     """
-    others = hexapod_options if is_robot else robot_options
+    others = hexapod if is_robot else robot
     for name in (name for name, is_given in others.items() if is_given):
         relation = "does not go with" if is_robot else "needs"
         raise WrongInput(f"--{name.replace('_', '-')} {relation} --model")
-    if robot_options["sense"]:
+    if robot["sense"]:
         raise WrongInput("--sense does not go with --model: each sensing is simulated")
     for name in ("hours", "controller") if events else ():
-        if hexapod_options[name]:
+        if hexapod[name]:
             raise WrongInput(f"--{name} does not go with --events")
-    if hexapod_options["controller"] and hexapod_options["scheduler"]:
+    if hexapod["controller"] and hexapod["scheduler"]:
         raise WrongInput("--controller does not go with --scheduler: its module is here alone")
 
 
@@ -214,11 +207,7 @@ def additional_jobs(first: Case, controller: str | None, seed: int, quick: bool)
     struts, late = range(6)[:count], () if quick else LATE_FAILURES
     names, settings = [*RECORDED][:count], [*predictions.SETTINGS][:count]
     jobs: list[Job] = [
-        *(
-            ("shown", partial(recorded_run, name, seed, quick, how))
-            for how in controllers
-            for name in names
-        ),
+        *(("shown", partial(recorded_run, n, seed, quick, c)) for c in controllers for n in names),
         *(("informed_late", partial(informed_late, failure)) for failure in late),
         *(("ambiguity", partial(predictions.ambiguity_rows, name, struts)) for name in settings),
         ("dither_cost", partial(dither_cost, first, 1.0 if quick else BENCH.duration_s)),
@@ -246,13 +235,10 @@ def recorded_run(
 
 def controller_table(name: str, rows: pd.DataFrame, recorded: pd.DataFrame) -> pd.DataFrame:
     """Summarize another controller in the cases with all mismatches and in the recorded runs."""
-    simulated, other_rows = (
-        rows[rows.rms_other_after.notna()],
-        recorded[recorded.controller.notna()],
-    )
+    simulated, others = rows[rows.rms_other_after.notna()], recorded[recorded.controller.notna()]
     square = [(simulated[f"rms_{who}_after"] ** 2).mean() for who in ("other", "informed")]
-    failures = [*simulated.controller_failure.dropna(), *other_rows.controller_failure.dropna()]
-    counts = {"runs": len(simulated) + len(other_rows), "failed": len(failures)}
+    failures = [*simulated.controller_failure.dropna(), *others.controller_failure.dropna()]
+    counts = {"runs": len(simulated) + len(others), "failed": len(failures)}
     over = {"name": name, "after_over_informed": np.sqrt(square[0] / square[1])}
     return pd.DataFrame([over | counts | {"failure": [*failures, None][0]}])
 

@@ -82,10 +82,8 @@ def plot_delays(axes: Axes, kinds: pd.Series, delay_ms: pd.Series) -> None:
     """Plot the share of correctly identified failures over the time since the failure."""
     isolated = delay_ms[delay_ms < np.inf]
     for kind, color in zip(KINDS, (BLUE, VERMILION, GREEN), strict=True):
-        if len(of_kind := delay_ms[kinds == kind]):
-            axes.ecdf(
-                of_kind, label=f"{kind}: {(of_kind < np.inf).sum()} of {len(of_kind)}", color=color
-            )
+        if len(ms := delay_ms[kinds == kind]):
+            axes.ecdf(ms, label=f"{kind}: {(ms < np.inf).sum()} of {len(ms)}", color=color)
     axes.set_title(f"The strut is identified within {isolated.max():.0f} ms")
     axes.set(xlabel="time since the failure, ms", ylabel="share of failures identified")
     axes.set_xlim(0, 1.08 * isolated.max() if len(isolated) else 10)
@@ -140,17 +138,10 @@ def figure_events(rows: pd.DataFrame, by_event: pd.DataFrame, noise: float) -> F
     )
     axes = figure.add_subplot()
     for of, color in _OF.items():
-        if names_of_group := [name for name in names if EVENTS[name].of == of]:
-            ratios = ratio[event.isin(names_of_group)]
+        if events := [name for name in names if EVENTS[name].of == of]:
+            ratios = ratio[event.isin(events)]
             axes.plot(ratios, place[event[ratios.index]], "o", color=color, markersize=2)
-            axes.plot(
-                worst[names_of_group],
-                place[names_of_group],
-                "o",
-                color=color,
-                markersize=5,
-                label=of,
-            )
+            axes.plot(worst[events], place[events], "o", color=color, markersize=5, label=of)
     axes.axvline(WORST, color=BLACK, linewidth=0.8, linestyle="--", label=f"{WORST:g} times")
     axes.set_xscale("log")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

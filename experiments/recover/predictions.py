@@ -89,10 +89,8 @@ def ambiguity_rows(setting: str, struts: Sequence[int]) -> list[Row]:
         onset = first + places[where](displacement_m[:, strut])
         fault, own_kind = Fault(strut, kind, _HALF * (kind == "weak")), KINDS.index(kind)
         distances, from_none = _distances(rig, path, dither, fault, onset, EVIDENCE_S)
-        others, kinds = (
-            np.delete(distances, strut, axis=0).min(axis=1),
-            np.delete(distances[strut], own_kind),
-        )
+        others = np.delete(distances, strut, axis=0).min(axis=1)
+        kinds = np.delete(distances[strut], own_kind)
         row = {"setting": setting, "actuator": rig.actuators[strut], "kind": kind, "where": where}
         row |= {"from_healthy": from_none, "from_other_actuators": float(others.min())}
         row["from_other_kinds"] = float(kinds.min())
@@ -138,17 +136,13 @@ def stability_rows(struts: Sequence[int], rig: Rig | None = None) -> list[Row]:
     truths = [None, *(Fault(k, kind, _HALF) for kind, k in product(KINDS, struts))]
     weak: tuple[FaultKind, ...] = ("locked", "weak")
     diagnoses = [None, *(Fault(k, kind, WEAKEST) for kind, k in product(weak, range(6)))]
-    gains, rows = [_gain(rig, diagnosed) for diagnosed in diagnoses], []
+    gains, rows = [_gain(rig, assumed) for assumed in diagnoses], []
     for truth in truths:
         P = _plant(rig.nominal, [] if truth is None else [truth])
-        for diagnosed, gain in zip(diagnoses, gains, strict=True):
+        for assumed, gain in zip(diagnoses, gains, strict=True):
             L = control.ss(P.A, P.B @ gain, P.C, 0, P.dt) * compensators
             pole = float(np.abs(control.feedback(L, np.eye(2)).poles()).max())
-            row = {
-                "truth": fault_text(truth),
-                "belief": fault_text(diagnosed),
-                "largest_pole": pole,
-            }
+            row = {"truth": fault_text(truth), "belief": fault_text(assumed), "largest_pole": pole}
             rows.append(row | {"sensitivity_peak": sensitivity_peak(L)})
     return rows
 

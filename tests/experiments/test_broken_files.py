@@ -25,24 +25,20 @@ PUBLISHED = Path(__file__).parents[2] / "docs" / "data" / "table1.json"
 ANY = NO_FILES | CONTENTS
 SOME_KINDS = {kind: ANY[kind] for kind in ("missing", "pipe", "endless", "pickled")}
 """Kinds of files for a reader with the code of another one."""
-NOT_MISSING = {kind: spoil for kind, spoil in NO_FILES.items() if kind != "missing"}
+OTHERS = {kind: spoil for kind, spoil in NO_FILES.items() if kind != "missing"}
 NO_MACHINE = {"no machine": MODELS["no machine"]}
 READERS: dict[str, tuple[str, str, dict[str, Spoil]]] = {
     "review of a run": ("made.npz", "review {file} --out {out}/it.rrd", ANY | ARRAYS),
-    "review of a folder": ("made.npz", "review {folder} --out {out}/it.rrd", NOT_MISSING | CUT_OFF),
+    "review of a folder": ("made.npz", "review {folder} --out {out}/it.rrd", OTHERS | CUT_OFF),
     "recording of a run": ("made.rrd", "review {folder} --out {out}/it.rrd", CONTENTS | CUT_OFF),
-    "index of a run": (
-        "made.json",
-        "review {folder} --out {out}/it.rrd",
-        NOT_MISSING | CONTENTS | JSON,
-    ),
+    "index of a run": ("made.json", "review {folder} --out {out}/it.rrd", OTHERS | CONTENTS | JSON),
     "review --model": ("it.xml", "review {folder} --model {file} --out {out}/it.rrd", NO_FILES),
     "animate": ("made.npz", "animate {file} --out {out}/it.gif", SOME_KINDS | CUT_OFF),
     "render": ("made.rrd", "render {file} --out {out}/it.png", NO_FILES),
-    "results": ("result.json", "results {folder}", NOT_MISSING | CONTENTS | JSON),
+    "results": ("result.json", "results {folder}", OTHERS | CONTENTS | JSON),
     "results against": ("result.json", f"results {PUBLISHED} --against {{file}}", ANY | JSON),
     "sweep --design": ("it.toml", "sweep --design {file} --out {out}", ANY),
-    "sweep --resume": ("unfinished.jsonl", "sweep --resume --out {folder}", NOT_MISSING | CONTENTS),
+    "sweep --resume": ("unfinished.jsonl", "sweep --resume --out {folder}", OTHERS | CONTENTS),
     "track MODEL": ("it.xml", "track {file} --out {out}", ANY | MODELS),
     "track --path": ("it.npz", "track --path {file} --out {out}", ANY | ARRAYS | PATHS),
     "table1 --model": ("it.xml", "table1 --model {file} --out {out}", SOME_KINDS | NO_MACHINE),

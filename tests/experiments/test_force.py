@@ -84,7 +84,7 @@ def test_a_locked_strut_bears_the_force_along_it_which_no_torque_affects(data, l
         np.testing.assert_allclose(reaction, strut[:, 0], atol=1e-3)
         assert np.abs(reaction).max() > 5.0
         assert (torques[:, 0] == 0).all()
-        unseen = np.eye(6) - force.solve_theorem(system, theorem, data["asked_wrench"]).projector
+        unseen = np.eye(6) - force.solve_theorem(system, theorem, data["asked_wrench"]).span
         np.testing.assert_allclose(lines[0] @ unseen, lines[0], atol=1e-12)
         assert np.trace(unseen) == pytest.approx(1.0)
         fixture, lock = (data[f"{part}_pressed_{k}"][:, -1] for k in ("fixture", "lock_n"))
@@ -115,7 +115,7 @@ def test_without_eq_9_a_free_strut_presses_with_another_major_force(data):
     """Theorem 8 as printed is applied to a mechanism with self-motion, which section 3 excludes."""
     condition, targets = force.Condition("free", 0), data["asked_wrench"][:, MAJOR]
     kin = force.failed_system(condition).kinematics()
-    printed = force_mapping(kin.J, MAJOR, SECONDARY, np.array(force.TORQUE_WEIGHTS)[kin.actuators])
+    printed = force_mapping(kin.J, MAJOR, SECONDARY, np.array(force.W3_HOT)[kin.actuators])
     torques = kin.expand(printed(targets))
     off = force.simulate_load(rig(), condition.failures, torques).fixture[:, -1, MAJOR] - targets
     difference_percent = 100 * np.linalg.norm(off, axis=1) / np.linalg.norm(targets, axis=1)

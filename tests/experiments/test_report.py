@@ -80,12 +80,8 @@ def text_of(page: str, summary: dict) -> str:
     for entry in summary["chapters"]:
         assert entry["command"] in text
         assert (entry["complaint"] or "checks passed") in text
-    for fact in (
-        summary["command"],
-        summary["commit"],
-        summary["code_sha256"],
-        *summary["versions"].values(),
-    ):
+    facts = [summary[key] for key in ("command", "commit", "code_sha256")]
+    for fact in (*facts, *summary["versions"].values()):
         assert fact in text
     return text
 
@@ -137,9 +133,7 @@ def test_other_options_code_or_versions_run_every_study_again(report, monkeypatc
 
 
 @pytest.mark.parametrize("raised", [KeyboardInterrupt(), Interrupted("--resume goes on")])
-def test_ctrl_c_keeps_finished_studies_and_the_message_says_how_to_continue(
-    report, tmp_path, raised
-):
+def test_ctrl_c_keeps_finished_studies_and_tells_how_to_continue(report, tmp_path, raised):
     ran: list[str] = []
     last = {"three": stub(ran)}
     code, summary, error = report(one=stub(ran), two=stub(ran, raised=raised), **last)

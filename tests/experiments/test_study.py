@@ -202,7 +202,7 @@ def test_ctrl_c_after_the_last_run_reports_saved_runs(here, tmp_path):
         raise KeyboardInterrupt
 
     with pytest.raises(Interrupted, match="finished runs are saved, and --resume continues"):
-        conduct(slow, tmp_path, visible=False)
+        conduct(slow, tmp_path, show=False)
     assert len((tmp_path / UNFINISHED).read_text().splitlines()) == 11
 
 
@@ -220,7 +220,7 @@ def test_a_full_disk_is_one_sentence_and_complete_rows_are_saved(tmp_path, whole
 
 # The folder.
 
-WAIT_IN_FOLDER = """
+WAITING = """
 import sys
 from pathlib import Path
 from fjh.study.files import alone_in
@@ -231,10 +231,7 @@ with alone_in(Path(sys.argv[1])):
 
 
 def test_a_folder_is_locked_until_its_study_is_killed(tmp_path):
-    folder, command = (
-        tmp_path / "out",
-        [sys.executable, "-c", WAIT_IN_FOLDER, str(tmp_path / "out")],
-    )
+    folder, command = tmp_path / "out", [sys.executable, "-c", WAITING, str(tmp_path / "out")]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, cwd=ROOT, **pipes) as first:
         assert first.stdout and first.stdout.readline() == "\n"
@@ -260,11 +257,8 @@ def test_a_scheduler_gives_the_same_rows_and_rejects_another_release(
     with pytest.raises(WrongInput, match="they have another release"), workers.cluster(scheduler):
         pass
     monkeypatch.setattr(workers, "ANSWERS_IN_S", 0.5)
-    unused_address = "tcp://127.0.0.1:9"
-    with (
-        pytest.raises(WrongInput, match=f"{unused_address} does not answer"),
-        workers.cluster(unused_address),
-    ):
+    address = "tcp://127.0.0.1:9"
+    with pytest.raises(WrongInput, match=f"{address} does not answer"), workers.cluster(address):
         pass
 
 

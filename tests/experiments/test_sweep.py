@@ -156,10 +156,8 @@ def test_a_row_has_the_numbers_of_the_run_and_the_linear_model():
     assert row["t_x_peak_um"] == 1e6 * abs(secondary(simulated)[:, 1]).max()
     assert row["strut_input_peak_percent_3"] == 0.0
     noise = detector_noise_rad(bench, 7, len(path))
-    predicted = rig.predict(path, failures=lock, told=False, noise=noise)
-    np.testing.assert_allclose(
-        [row[name] for name in sweeps.PREDICTED], 1e6 * predicted.rms, rtol=1e-9
-    )
+    model = rig.predict(path, failures=lock, told=False, noise=noise)
+    np.testing.assert_allclose([row[name] for name in sweeps.PREDICTED], 1e6 * model.rms, rtol=1e-9)
     assert (row["case"], row["status"], row["message"]) == (3, "exact", None)
 
 
@@ -222,20 +220,18 @@ def test_the_rows_are_the_runs_in_order_and_repeatable(study, rows):
 def test_the_tables_are_those_of_the_rows(study, rows):
     summary = study.summary
     assert summary["status"] == [{"status": "exact", "runs": 30}]
-    known_runs = rows[(rows.struts != "SSSSSS") & rows.known]
+    reported = rows[(rows.struts != "SSSSSS") & rows.known]
     [group] = [one for one in summary["groups"] if one["failures"] == 1 and one["told"]]
-    assert group["runs"] == len(known_runs)
+    assert group["runs"] == len(reported)
     assert group["alpha_median_urad"] == pytest.approx(
-        np.median(known_runs.alpha_rms_urad), rel=1e-12
+        np.median(reported.alpha_rms_urad), rel=1e-12
     )
     prediction = summary["prediction"][0]
     assert prediction["compared"] == rows.predicted_alpha_rms_urad.notna().sum() < 30
     assert [entry["name"] for entry in summary["influence"]] == ["roll_off_hz"]
 
 
-def test_an_interrupted_sweep_continues_to_the_same_bytes(
-    sweep_folder, scheduler, tmp_path, capsys
-):
+def test_a_resumed_sweep_has_the_same_bytes(sweep_folder, scheduler, tmp_path, capsys):
     """It is continued on a Dask cluster."""
 
     def interrupt(done: int, total: int) -> None:
@@ -293,10 +289,8 @@ def test_there_is_one_representative_of_each_symmetry_class(model):
     reached = {"".join(c[k] for k in move) for move in moves for c in chosen}
     assert reached == set(every)
     for struts in ("FSSSSS", "SLFSSL", "SFFSLF"):
-        equivalent = sweeps.classified().loc[["".join(struts[k] for k in move) for move in moves]]
-        assert (
-            equivalent.drop(columns=[c for c in equivalent if "gain" in c]).nunique() == 1
-        ).all()
+        equal = sweeps.classified().loc[["".join(struts[k] for k in move) for move in moves]]
+        assert (equal.drop(columns=[c for c in equal if "gain" in c]).nunique() == 1).all()
 
 
 def test_only_conditions_classified_as_possible_point(atlas):

@@ -46,9 +46,7 @@ def test_weights_and_a_known_lock_do_not_change_the_tracking(table1, angle):
 
 @pytest.mark.parametrize(("name", "spared"), [("W_b", [0, 2, 4]), ("W_c", [1, 3, 5])])
 def test_weighted_struts_have_smaller_inputs_and_the_others_larger_ones(table1, name, spared):
-    rms = (
-        table1["by_name"][column_name]["strut_input_rms_percent"] for column_name in (name, "W_a")
-    )
+    rms = (table1["by_name"][k]["strut_input_rms_percent"] for k in (name, "W_a"))
     change = np.divide(*rms)
     others = np.setdiff1d(range(6), spared)
     assert np.all(change[spared] < 0.7)
@@ -107,10 +105,8 @@ def test_the_controllers_estimate_of_secondary_motion_is_near_the_truth(runs, na
     allowed = 0.02 * np.abs(truth).max(axis=0) + 1e-7
     assert np.all(np.abs(estimate - truth).max(axis=0) < allowed)
     lost = runs["W_a_uncorrected"]
-    peak, estimated = (
-        np.abs(lost[key]).max(axis=0) for key in ("secondary", "secondary_estimated")
-    )
-    assert np.all(peak > 100 * estimated)
+    peak, assumed = (np.abs(lost[key]).max(axis=0) for key in ("secondary", "secondary_estimated"))
+    assert np.all(peak > 100 * assumed)
 
 
 def test_the_table_of_this_version_agrees_with_the_last_release(table1_folder):
@@ -142,8 +138,7 @@ def test_errors_exclude_the_drift_of_the_detectors_zero():
     np.testing.assert_allclose(simulated, 0.0, atol=1e-14)
     noise, floor = detector_noise_rad(TestbedConfig(), 7, 300), mismatched.machine.floor(300)
     expected, still = (
-        1e6 * rig.predict(path, noise=noise, floor_m_per_s2=floor_motion).rms
-        for floor_motion in (floor, None)
+        1e6 * rig.predict(path, noise=noise, floor_m_per_s2=a).rms for a in (floor, None)
     )
     np.testing.assert_allclose(predicted, expected)
     assert (predicted > 1.1 * still).any()
