@@ -338,7 +338,7 @@ def arrays(goal: SecondaryGoal, runs: Mapping[str, GoalRun]) -> dict[str, Array]
 
 def record(
     goal: SecondaryGoal,
-    runs: Mapping[str, GoalRun],
+    goal_runs: Mapping[str, GoalRun],
     settings: Mapping[str, Any],
     folder: Path,
     **tables: pd.DataFrame,
@@ -359,7 +359,10 @@ def record(
         checks=checks(**tables),
         verdict=goal.title,
     )
-    file, pair = folder / f"{goal.name}.rrd", {key: runs[key] for key in ("pursued", "nothing")}
+    file, pair = (
+        folder / f"{goal.name}.rrd",
+        {key: goal_runs[key] for key in ("pursued", "nothing")},
+    )
     if goal.on_arm:
         model = load_model(ARM_MJCF)
         scenes = {
