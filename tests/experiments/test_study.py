@@ -254,7 +254,7 @@ def test_a_scheduler_gives_the_same_rows_and_rejects_another_release(
 ):
     assert_same(table(tmp_path, where=Where(scheduler=scheduler)), whole)
     monkeypatch.setattr(provenance, "ROOT", tmp_path)
-    with pytest.raises(WrongInput, match="they have another release"), workers.cluster(scheduler):
+    with pytest.raises(WrongInput, match="it has another release"), workers.cluster(scheduler):
         pass
     monkeypatch.setattr(workers, "ANSWERS_IN_S", 0.5)
     address = "tcp://127.0.0.1:9"
