@@ -1,1 +1,1 @@
-"""Times of this library beside those of others: `make bench`."""
+"""Times of this library and of other libraries for the same work: `make bench`."""

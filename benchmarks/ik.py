@@ -1,9 +1,9 @@
-"""One tick of inverse kinematics as its users write it: tasks and limits by `Ik`, and by mink.
+"""Time one tick of inverse kinematics with tasks and limits, by `Ik` and by mink.
 
-A frame goes to a pose near by and the posture is kept; feet stand, and the centre of mass stays
-above them, where there are feet. Joints have ranges and a velocity limit. Both solve anew what was
-made once; mink's update of the kinematics counts. mink weighs the tasks, `Ik` ranks them, so that
-only what the first of them ask for is compared.
+A frame moves to a nearby pose while the posture is kept; a walking robot also keeps its feet, and
+its centre of mass above them. Joints have ranges and a velocity limit. Tasks and limits are made
+once, outside the timed part; mink's update of the kinematics is timed. mink weights the tasks and
+`Ik` ranks them, so that only the motions of all tasks but the last one are compared.
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ import mink
 import mujoco
 import numpy as np
 
-from benchmarks.contender import Contender, agree
+from benchmarks.candidate import Candidate, check_agreement
 from fjh import Ik, Limits
 from sim import (
     MODELS,
@@ -32,15 +32,15 @@ from sim import (
 )
 
 PERIOD_S = 0.01
-RATE_LIMIT = 3.0  # of every slide and hinge
-TOLERANCE = 0.1  # of what the first tasks ask for: the costs of mink are a hundred to one
-_WAY_M = 0.002
-_AWAY_RAD = 0.05
+RATE_LIMIT = 3.0  # of every slide joint [m]/[s] and hinge [rad]/[s]
+TOLERANCE = 0.1  # relative, for all tasks but the posture: mink weights them 100 to 1
+_MOVE_M = 0.002
+_SPREAD_RAD = 0.05
 
 
 @dataclass(frozen=True)
 class Robot:
-    """A model, the frame that goes somewhere, and what stands meanwhile."""
+    """Bundled model, the frame that moves, its feet, and whether it keeps its balance."""
 
     name: str
     frame: str
@@ -49,18 +49,18 @@ class Robot:
 
     @cached_property
     def model(self) -> mujoco.MjModel:
-        """The file of that name."""
+        """Model loaded from the bundled file of this name."""
         return load_model(MODELS / f"{self.name}.xml")
 
     @property
     def active(self) -> tuple[str, ...]:
-        """What moves beside the motors: the trunk of who walks."""
+        """Free joints among the variables: the trunk of a walking robot."""
         return ("root",) if self.feet else ()
 
 
 ROBOTS = {
-    each.name: each
-    for each in (
+    robot.name: robot
+    for robot in (
         Robot("arm", "payload"),
         Robot("mobile", "tool"),
         Robot("quadruped", "trunk", ("front_left", "front_right", "rear_left", "rear_right")),
@@ -71,7 +71,7 @@ ROBOTS = {
 
 @dataclass(frozen=True)
 class Case:
-    """A state, and where the frame, the feet and the centre of mass are to be."""
+    """State of a robot, and targets of its frame, feet and centre of mass [m]."""
 
     data: mujoco.MjData
     goal: Pose
@@ -80,20 +80,20 @@ class Case:
 
 
 def random_case(robot: Robot, rng: np.random.Generator) -> Case:
-    """A posture around that of the model."""
+    """Sample a state near the model's posture, and a nearby target of the frame."""
     model, data = robot.model, mujoco.MjData(robot.model)
-    step = rng.uniform(-_AWAY_RAD, _AWAY_RAD, size=model.nv)
+    step = rng.uniform(-_SPREAD_RAD, _SPREAD_RAD, size=model.nv)
     step[: 6 if robot.active else 0] = 0.0
     mujoco.mj_integratePos(model, data.qpos, step, 1.0)
     data = assemble(model, data)
-    here = pose_of(model, data, robot.frame)
-    goal = Pose(here.rotation, here.translation_m + rng.uniform(-_WAY_M, _WAY_M, size=3))
+    start = pose_of(model, data, robot.frame)
+    goal = Pose(start.rotation, start.translation_m + rng.uniform(-_MOVE_M, _MOVE_M, size=3))
     feet = {foot: pose_of(model, data, foot) for foot in robot.feet}
     return Case(data, goal, feet, pose_of(model, data, CenterOfMass()).translation_m)
 
 
 def tasks_of(robot: Robot, case: Case) -> list[list[TaskFunction]]:
-    """Levels: what stands, the centre of mass, the frame, the posture."""
+    """Return the task levels: feet, centre of mass, frame, posture."""
     rows = range(6) if robot.balances else [3, 4, 5]
     levels: list[list[TaskFunction]] = [
         [FrameTask(robot.frame, target=case.goal)],
@@ -108,19 +108,19 @@ def tasks_of(robot: Robot, case: Case) -> list[list[TaskFunction]]:
     return levels
 
 
-def by_levels(robot: Robot, case: Case) -> tuple[Ik, mujoco.MjData]:
-    """Arguments of `ik_tick`."""
+def ik_arguments(robot: Robot, case: Case) -> tuple[Ik, mujoco.MjData]:
+    """Return the arguments of `ik_tick`: solver and state."""
     limits = Limits(velocity=RATE_LIMIT)
     return Ik(robot.model, tasks_of(robot, case), limits, active=robot.active), case.data
 
 
 def ik_tick(ik: Ik, data: mujoco.MjData) -> Array:
-    """Velocities (nv,)."""
+    """Solve one tick with `Ik`; return the velocities (nv,)."""
     return ik.step(data, PERIOD_S)
 
 
-def by_mink(robot: Robot, case: Case) -> tuple[Any, ...]:
-    """Arguments of `mink_tick`: configuration, positions, tasks and limits."""
+def mink_arguments(robot: Robot, case: Case) -> tuple[Any, ...]:
+    """Return the arguments of `mink_tick`: configuration, positions, tasks and limits."""
     model = robot.model
     tasks: list[Any] = [
         _frame(foot, pose, 1.0 if robot.balances else 0.0) for foot, pose in case.feet.items()
@@ -147,27 +147,27 @@ def _frame(name: str, pose: Pose, turn: float) -> mink.FrameTask:
 def mink_tick(
     configuration: Any, qpos: Array, tasks: Sequence[Any], limits: Sequence[Any]
 ) -> Array:
-    """Kinematics and velocities (nv,)."""
+    """Update mink's kinematics and solve one tick; return the velocities (nv,)."""
     configuration.update(qpos)
     return mink.solve_ik(configuration, tasks, PERIOD_S, "daqp", limits=limits)
 
 
-def ik(name: str, rng: np.random.Generator) -> dict[str, Contender]:
-    """One tick in each way; both do what all tasks but the posture ask for."""
+def ik(name: str, rng: np.random.Generator) -> dict[str, Candidate]:
+    """Return one tick of `Ik` and of mink, checked to perform all tasks but the posture."""
     robot = ROBOTS[name]
     cases = [random_case(robot, rng) for _ in range(8)]
-    ours = [by_levels(robot, case) for case in cases]
-    theirs = [by_mink(robot, case) for case in cases]
-    done: dict[str, list[Array]] = {"ours": [], "asked": [], "mink": []}
-    for case, own, other in zip(cases, ours, theirs, strict=True):
+    problems = [ik_arguments(robot, case) for case in cases]
+    mink_problems = [mink_arguments(robot, case) for case in cases]
+    velocities: dict[str, list[Array]] = {"ours": [], "targets": [], "mink": []}
+    for case, problem, mink_problem in zip(cases, problems, mink_problems, strict=True):
         first = [task.on(robot.model) for level in tasks_of(robot, case)[:-1] for task in level]
         J = np.vstack([task.jacobian(robot.model, case.data) for task in first])
         error = np.concatenate([task.error(robot.model, case.data) for task in first])
-        done["asked"].append(error / PERIOD_S)
-        done["ours"].append(J @ ik_tick(*own))
-        done["mink"].append(J @ mink_tick(*other))
-    agree({who: np.array(each) for who, each in done.items()}, TOLERANCE)
+        velocities["targets"].append(error / PERIOD_S)
+        velocities["ours"].append(J @ ik_tick(*problem))
+        velocities["mink"].append(J @ mink_tick(*mink_problem))
+    check_agreement({name: np.array(rows) for name, rows in velocities.items()}, TOLERANCE)
     return {
-        "ours": Contender(ik_tick, lambda: ours, len(cases)),
-        "mink": Contender(mink_tick, lambda: theirs, len(cases)),
+        "ours": Candidate(ik_tick, lambda: problems, len(cases)),
+        "mink": Candidate(mink_tick, lambda: mink_problems, len(cases)),
     }

@@ -1,4 +1,4 @@
-"""The closed loop of a robot as a whole, beside the physics alone; nothing fails."""
+"""Time the whole closed loop of a robot, and its physics alone, without failures."""
 
 from copy import copy
 from typing import Any
@@ -6,21 +6,21 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from benchmarks.contender import Contender
+from benchmarks.candidate import Candidate
 from fjh import Rig
 from ftc import run_loop
 from sim import MODELS, Bench
 
 MAJOR = {"arm": (3, 4, 5), "hand": (3, 4), "arms": (3, 4, 5), "platform": (3, 4)}
-"""Bundled robots beside the hexapod, and their major rows."""
-DURATION_S = 2.0  # after 0.8 s a supervisor has learnt what is normal and weighs evidence
+"""Major rows of the bundled robots other than the hexapod."""
+DURATION_S = 2.0  # the first 0.8 s are the learning phase of the supervisor
 
 
-def loop(name: str, rng: np.random.Generator) -> dict[str, Contender]:
-    """Ticks of bare physics, of the loop, and of the loop that diagnoses.
+def loop(name: str, rng: np.random.Generator) -> dict[str, Candidate]:
+    """Return the ticks of bare physics, of the loop, and of the loop with diagnosis.
 
     A tick of a loop reads the sensors, estimates the posture, maps, compensates, drives the motors,
-    keeps a log, and contains the physics. Machine and path are made before.
+    logs, and steps the physics. Machine and path are made outside the timed part.
     """
     rig = Rig.hexapod()
     if name in MAJOR:
@@ -31,17 +31,17 @@ def loop(name: str, rng: np.random.Generator) -> dict[str, Contender]:
     def bench() -> Bench:
         return rig.bench(np.arange(len(path)) * rig.period_s, (), seed)
 
-    def looped(controller: Any) -> Contender:
-        return Contender(
+    def loop_candidate(controller: Any) -> Candidate:
+        return Candidate(
             run_loop, lambda: [(bench(), controller, path, demands)], len(path), rounds=1
         )
 
     plant = bench().plant
     model, steps = plant.model, len(path) * round(rig.period_s / plant.model.opt.timestep)
     return {
-        "physics": Contender(
+        "physics": Candidate(
             mujoco.mj_step, lambda: [(model, copy(plant.data), steps)], len(path), rounds=1
         ),
-        "loop": looped(rig.controller()),
-        "supervised": looped(rig.supervisor()),
+        "loop": loop_candidate(rig.controller()),
+        "supervised": loop_candidate(rig.supervisor()),
     }

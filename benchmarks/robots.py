@@ -1,10 +1,9 @@
-"""One tick of robots in MJCF, from joint positions to rates, and by mink.
+"""Time one tick from joint positions to rates, by this library and by mink.
 
-Each carries out a task exactly; where there are limits no joint is faster, and the rates are as
-close to desired ones as that leaves them. The hexapod points by (alpha, beta) with strut 1 locked,
-the other struts moving least. The arm moves its camera in all six directions. The humanoid stands
-on pinned feet and moves its right palm in six directions, its centre of mass in the two horizontal
-ones.
+The task is performed exactly, within rate limits if there are any, with the rates closest to
+desired ones. The hexapod points (alpha, beta) with strut 1 locked and least motion of the other
+struts. The arm moves its camera in all six directions. The humanoid stands on pinned feet and moves
+its right palm in six directions, its centre of mass in the two horizontal ones.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,28 +16,29 @@ import mujoco
 import numpy as np
 from scipy.linalg import null_space
 
-from benchmarks.contender import Contender, agree
+from benchmarks.candidate import Candidate, check_agreement
 from prioritized import ConstrainedSystem
 from sim import MODELS, Array, CenterOfMass, JacobianReader, Pin, assemble, load_model
 
 LIMIT = 1.0  # of each actuated joint, [rad]/[s]
-TOLERANCE = 1e-8  # of the rates; mink closes loops once more
-_INSIDE = 0.7  # the task is that of rates within this fraction of the limits
+TOLERANCE = 1e-8  # of the rates; mink solves the loop closure again
+_INSIDE = 0.7  # fraction of the limits within which some rates perform the task
 
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A model and its task: rows `major` of a site and the centre of mass; pinned feet.
+    """Bundled model and its task: rows `major` of a site and the centre of mass; pinned feet.
 
-    The site's rows are in the axes of another site, which rests, or of the world. Actuators are at
-    most `away` [rad] or [m] from the posture of the model. Desired rates have the standard
-    deviation `spread` [rad]/[s], chosen so that limits bind; 0 is neither desired rates nor limits.
+    The site's rows are in the axes of another, fixed site, or of the world. Actuators are at
+    most `offset` [rad] or [m] from the posture of the model. Desired rates have the standard
+    deviation `spread` [rad]/[s], chosen so that limits bind; with 0 there are no desired rates and
+    no limits.
     """
 
     file: str
     site: str
     major: Sequence[int]
-    away: float = 0.3
+    offset: float = 0.3
     spread: float = 0.0
     feet: tuple[str, ...] = ()
     axes: str | None = None
@@ -46,25 +46,25 @@ class Robot:
 
     @cached_property
     def model(self) -> mujoco.MjModel:
-        """The file of that name."""
+        """Model loaded from the bundled file of this name."""
         return load_model(MODELS / f"{self.file}.xml")
 
     @cached_property
     def reader(self) -> JacobianReader:
-        """Rows 0 to 5 of its J_T are the site's, 6 to 8 the centre of mass's."""
+        """Jacobian reader; rows 0 to 5 of its J_T are the site's, 6 to 8 the centre of mass's."""
         task = [self.site, CenterOfMass()] if max(self.major) > 5 else [self.site]
         pinned = [Pin(foot, weld=True) for foot in self.feet]
         return JacobianReader(self.model, task, self.axes, pinned=pinned)
 
     @property
     def joints(self) -> Array:
-        """Velocity index of each actuator, shape (n,)."""
+        """Velocity indices of the actuators, shape (n,)."""
         return self.model.jnt_dofadr[self.model.actuator_trnid[:, 0]]
 
 
 _ARM, _HUMANOID = range(6), range(8)
 ROBOTS = {
-    "hexapod": Robot("fjh", "payload", (0, 1), away=1e-5, axes="base", locked=(0,)),
+    "hexapod": Robot("fjh", "payload", (0, 1), offset=1e-5, axes="base", locked=(0,)),
     "arm": Robot("arm", "payload", _ARM, spread=2.0),
     "humanoid_one_foot": Robot(
         "humanoid", "right_hand", _HUMANOID, spread=1.0, feet=("left_foot",)
@@ -77,7 +77,7 @@ ROBOTS = {
 
 @dataclass(frozen=True)
 class Case:
-    """Desired major velocity (m1,), joint positions (nq,), desired rates (n,)."""
+    """Problem of one tick: major velocity (m1,), joint positions (nq,), desired rates (n,)."""
 
     major: Array
     qpos: Array
@@ -85,14 +85,14 @@ class Case:
 
 
 def random_case(robot: Robot, rng: np.random.Generator) -> Case:
-    """A posture with closed loops; what is asked for there is within reach of the limits."""
+    """Sample a posture with closed loops, and a major velocity that the limits allow."""
     model, data = robot.model, mujoco.MjData(robot.model)
-    away = rng.uniform(-robot.away, robot.away, size=model.nu)
-    data.qpos[model.jnt_qposadr[model.actuator_trnid[:, 0]]] += away
+    offset = rng.uniform(-robot.offset, robot.offset, size=model.nu)
+    data.qpos[model.jnt_qposadr[model.actuator_trnid[:, 0]]] += offset
     data = assemble(model, data)
     jac = robot.reader.at(data)
-    stuck = np.eye(model.nv)[robot.joints[list(robot.locked)]]
-    allowed = null_space(np.vstack([jac.J_C, stuck]))
+    locked_rows = np.eye(model.nv)[robot.joints[list(robot.locked)]]
+    allowed = null_space(np.vstack([jac.J_C, locked_rows]))
     velocities = allowed @ rng.normal(size=allowed.shape[1])
     velocities *= _INSIDE * LIMIT / np.abs(velocities[jac.active]).max()
     major = jac.J_T[list(robot.major)] @ velocities
@@ -100,7 +100,10 @@ def random_case(robot: Robot, rng: np.random.Generator) -> Case:
 
 
 def tick_of(robot: Robot) -> Callable[[Case], Array]:
-    """From a case to rates (n,) by one compiled call; what no pose changes is looked up once."""
+    """Return a function from a case to rates (n,) by one compiled call.
+
+    Pose-independent data are prepared here, once.
+    """
     data, reader = mujoco.MjData(robot.model), robot.reader
     system = ConstrainedSystem.of(reader.at(data)).with_failures(locked=robot.locked)
     kinematics = system.kinematics()
@@ -111,43 +114,43 @@ def tick_of(robot: Robot) -> Callable[[Case], Array]:
     if robot.spread:
         limits[joints] = LIMIT
     box, m1 = (-limits, limits), len(robot.major)
-    asked = np.empty(m1 + len(survivors))
+    targets = np.empty(m1 + len(survivors))
 
-    def once(case: Case) -> Array:
+    def solve(case: Case) -> Array:
         data.qpos[:] = case.qpos
         read = reader.read(data)
-        asked[:m1], asked[m1:] = case.major, case.desired.take(survivors)
-        velocities = tick(read.J_T, read.J_C, asked, box, read.error_bound)
+        targets[:m1], targets[m1:] = case.major, case.desired.take(survivors)
+        velocities = tick(read.J_T, read.J_C, targets, box, read.error_bound)
         assert velocities is not None
         return velocities.take(joints)
 
-    return once
+    return solve
 
 
 class Rows(mink.Task):
-    """Only the rows that are meant, of constant error.
+    """Task of mink with selected rows and a constant error.
 
-    mink's `FrameTask` has six rows where two are meant, all of which would be constraints, and its
+    mink's `FrameTask` always has six rows, all of which would be constraints, and its
     `DampingTask` one for every joint, which takes 6 % longer.
     """
 
     def __init__(self, desired: Array, rows: Callable[[mink.Configuration], Array]) -> None:
-        """Velocities of rows of the Jacobian (rows, nv), which follow from the configuration."""
+        """Take the desired velocities and a function from configuration to Jacobian (rows, nv)."""
         super().__init__(cost=np.ones(len(desired)))
         self._error, self._rows = -desired, rows
 
     def compute_error(self, configuration: mink.Configuration) -> Array:
-        """What is left to move, with mink's sign."""
+        """Return the error (rows,), with mink's sign."""
         return self._error
 
     def compute_jacobian(self, configuration: mink.Configuration) -> Array:
-        """Shape (rows, nv)."""
+        """Return the Jacobian, shape (rows, nv)."""
         return self._rows(configuration)
 
 
 def mink_arguments(robot: Robot, case: Case) -> tuple[Any, ...]:
-    """Of `mink_tick`: configuration, positions, tasks, constraints and limits already made."""
-    model, moved, limits = robot.model, np.eye(robot.model.nv)[robot.joints], []
+    """Return the arguments of `mink_tick`: configuration, positions, tasks, constraints, limits."""
+    model, actuated, limits = robot.model, np.eye(robot.model.nv)[robot.joints], []
     if robot.spread:
         names = [model.joint(joint).name for joint in model.actuator_trnid[:, 0]]
         limits = [mink.VelocityLimit(model, dict.fromkeys(names, LIMIT))]
@@ -160,7 +163,7 @@ def mink_arguments(robot: Robot, case: Case) -> tuple[Any, ...]:
         exact.append(mink.DofFreezingTask(model, robot.joints[list(robot.locked)].tolist()))
     if len(center):
         exact.append(Rows(center, _center_of_mass(model, len(center))))
-    posture = Rows(case.desired, lambda _: moved)
+    posture = Rows(case.desired, lambda _: actuated)
     return mink.Configuration(model, case.qpos), case.qpos, [posture], exact, limits
 
 
@@ -171,10 +174,10 @@ def mink_tick(
     constraints: list[Any],
     limits: Sequence[mink.Limit],
 ) -> Array:
-    """Update and a displacement of all joints (nv,), as a user of mink gets it fastest.
+    """Update mink's kinematics and solve for a displacement of all joints (nv,), the fastest way.
 
-    Tasks that are constraints are equalities: a strict priority, as here. Without `eq_reduction`
-    daqp's tolerance is 1e-4 of so small a motion; it costs no time.
+    Tasks given as constraints are equalities: a strict priority, as here. Without `eq_reduction`
+    daqp's tolerance is 1e-4 of so small a motion; the option takes no time.
     """
     configuration.update(qpos)
     return mink.solve_ik(
@@ -185,15 +188,15 @@ def mink_tick(
 def _twist(
     model: mujoco.MjModel, site: str, first: int, axes: str | None = None
 ) -> Callable[[mink.Configuration], Array]:
-    """The first rows of a site's twist."""
+    """Return a function from configuration to the first rows of a site's twist Jacobian."""
     number, twist, data = model.site(site).id, np.zeros((6, model.nv)), mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     turn = np.eye(3) if axes is None else data.site(axes).xmat.reshape(3, 3).T
-    chosen = np.kron(np.eye(2), turn)[:first]
+    rotation = np.kron(np.eye(2), turn)[:first]
 
     def rows(configuration: mink.Configuration) -> Array:
         mujoco.mj_jacSite(model, configuration.data, twist[3:], twist[:3], number)
-        return twist[:first] if axes is None else chosen @ twist
+        return twist[:first] if axes is None else rotation @ twist
 
     return rows
 
@@ -208,17 +211,17 @@ def _center_of_mass(model: mujoco.MjModel, first: int) -> Callable[[mink.Configu
     return rows
 
 
-def tick(name: str, rng: np.random.Generator) -> dict[str, Contender]:
-    """The library's tick, and mink's `solve_ik` with its update of the kinematics."""
+def tick(name: str, rng: np.random.Generator) -> dict[str, Candidate]:
+    """Return the library's tick, and mink's `solve_ik` with its update of the kinematics."""
     robot = ROBOTS[name]
     cases = [random_case(robot, rng) for _ in range(8)]
-    ours, theirs = tick_of(robot), [mink_arguments(robot, case) for case in cases]
-    answers = {
-        "ours": np.array([ours(case) for case in cases]),
-        "mink": np.array([mink_tick(*each)[robot.joints] for each in theirs]),
+    solve, arguments = tick_of(robot), [mink_arguments(robot, case) for case in cases]
+    solutions = {
+        "ours": np.array([solve(case) for case in cases]),
+        "mink": np.array([mink_tick(*problem)[robot.joints] for problem in arguments]),
     }
-    agree(answers, TOLERANCE)
+    check_agreement(solutions, TOLERANCE)
     return {
-        "ours": Contender(ours, lambda: [(case,) for case in cases], len(cases)),
-        "mink": Contender(mink_tick, lambda: theirs, len(cases)),
+        "ours": Candidate(solve, lambda: [(case,) for case in cases], len(cases)),
+        "mink": Candidate(mink_tick, lambda: arguments, len(cases)),
     }

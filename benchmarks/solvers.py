@@ -1,4 +1,4 @@
-"""Problem 1, with limits, and in three levels, by each solver in its fastest documented way."""
+"""Time Problem 1, with and without limits, and three levels, by each solver's fastest interface."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -12,35 +12,36 @@ from typing import Any
 import numpy as np
 from scipy.linalg.lapack import dgglse
 
-from benchmarks.contender import Contender, agree
+from benchmarks.candidate import Candidate, check_agreement
 from prioritized import lexicographic_least_squares, velocity_mapping
 from sim import Array
 
 with warnings.catch_warnings():
-    # Pinocchio, which PlaCo brings, imports another package by its former name.
+    # Pinocchio, which PlaCo depends on, imports a package by its former name.
     warnings.simplefilter("ignore", DeprecationWarning)
-    # Not as statements: they are installed for the benchmark alone.
+    # No import statements: only the benchmark's environment has these packages.
     daqp: Any = import_module("daqp")
     placo: Any = import_module("placo")
 
-TOLERANCE = 1e-9  # of the answers, as a fraction of the rates
+TOLERANCE = 1e-9  # of the solutions, as a fraction of the rates
 MAJOR, SECONDARY = [0, 1], [3, 4, 5, 2]
-"""Rows of J, as the hexapod has them."""
+"""Rows of J in the major and the secondary task, as on the hexapod."""
 EQUALITY = 5
-"""daqp's mark of a constraint that holds with equality."""
+"""Code of an equality constraint in daqp."""
 STRICT = {"primal_tol": 1e-12, "rho_soft": 1e-14}
-"""With daqp's defaults its levels are met to 6e-3 of these rates only; these cost no time."""
+"""Settings of daqp; its defaults leave an error of 6e-3 of these rates, and are no faster."""
 SECOND = SECONDARY[:2]
 """Rows of J in the second of three levels."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Minimize |W1 (rates - joint)|^2 + |W2 (J_s rates - secondary)|^2, J_m rates = major.
+    """Problem 1: minimize |W1 (rates - joint)|^2 + |W2 (J_s rates - secondary)|^2.
 
+    Subject to J_m rates = major.
     J_m and J_s are the rows `MAJOR` and `SECONDARY` of J, (..., 6, n). The weights, diagonals of W1
     (n,) and W2 (4,), are common to a batch; major is (..., 2), joint (..., n), secondary (..., 4).
-    Rates have limits of -1 and 1 where `limited`.
+    If `limited`, rates have limits of -1 and 1.
     """
 
     J: Array
@@ -53,19 +54,19 @@ class Problem:
 
     @property
     def limits(self) -> tuple[Array, Array] | None:
-        """Of the rates, (n,) each."""
+        """Lower and upper limits of the rates, (n,) each; None without limits."""
         most = np.ones(self.J.shape[-1])
         return (-most, most) if self.limited else None
 
     def parts(self) -> tuple[Array, Array, Array, Array]:
-        """A (n + 4, n) and b of the objective |A rates - b|^2; J_m (2, n) and v_m."""
+        """Return A (n + 4, n) and b of the objective |A rates - b|^2; J_m (2, n) and v_m."""
         W1, W2 = np.diag(self.joint_weight), self.secondary_weight
         A = np.vstack([W1, W2[:, None] * self.J[SECONDARY]])
         b = np.concatenate([self.joint_weight * self.joint, W2 * self.secondary])
         return A, b, self.J[MAJOR], self.major
 
     def objective(self) -> tuple[Array, Array]:
-        """H (n, n) and f of the same objective, rates^T H rates / 2 + f^T rates, quickly."""
+        """Return H (n, n) and f of the objective as rates^T H rates / 2 + f^T rates."""
         squares = self.joint_weight * self.joint_weight
         A = self.secondary_weight[:, None] * self.J[SECONDARY]
         H = A.T @ A
@@ -73,15 +74,15 @@ class Problem:
         return H, -(squares * self.joint) - (self.secondary_weight * self.secondary) @ A
 
     def levels(self) -> list[tuple[Array, Array]]:
-        """The major rows, two secondary rows, then the rest of the objective."""
+        """Return three levels: the major rows, two secondary rows, the rest of the objective."""
         A, b, J_m, v_m = self.parts()
         second = self.J.shape[1] + np.arange(len(SECOND))
-        rest = np.delete(A, second, axis=0), np.delete(b, second)
-        return [(J_m, v_m), (self.J[SECOND], self.secondary[: len(SECOND)]), rest]
+        remainder = np.delete(A, second, axis=0), np.delete(b, second)
+        return [(J_m, v_m), (self.J[SECOND], self.secondary[: len(SECOND)]), remainder]
 
 
 def random_problem(n: int, rng: np.random.Generator, batch: tuple[int, ...] = ()) -> Problem:
-    """With n actuators: Gaussian J, which has full rank, and weights from 0.5 to 2."""
+    """Sample a problem of n actuators: Gaussian J, of full rank, and weights from 0.5 to 2."""
     return Problem(
         J=rng.normal(size=(*batch, 6, n)),
         joint_weight=rng.uniform(0.5, 2.0, size=n),
@@ -93,22 +94,22 @@ def random_problem(n: int, rng: np.random.Generator, batch: tuple[int, ...] = ()
 
 
 def random_limited(n: int, rng: np.random.Generator) -> Problem:
-    """The task is that of rates within 0.7 of the limits; desired ones are beyond in 6 of 10 cases.
+    """Sample a problem with limits, feasible at rates within 0.7 of them.
 
-    Were it out of reach, daqp would call the flat program infeasible.
+    The desired rates are beyond the limits in 6 of 10 cases. If the task were infeasible, so would
+    be daqp's program without levels.
     """
-    one, inside = random_problem(n, rng), rng.uniform(-0.7, 0.7, size=n)
-    secondary = np.concatenate([one.J[SECOND] @ inside, one.secondary[len(SECOND) :]])
-    major, joint = one.J[MAJOR] @ inside, 2.0 * one.joint
-    return replace(one, major=major, joint=joint, secondary=secondary, limited=True)
+    problem, inside = random_problem(n, rng), rng.uniform(-0.7, 0.7, size=n)
+    secondary = np.concatenate([problem.J[SECOND] @ inside, problem.secondary[len(SECOND) :]])
+    major, joint = problem.J[MAJOR] @ inside, 2.0 * problem.joint
+    return replace(problem, major=major, joint=joint, secondary=secondary, limited=True)
 
 
 @dataclass(frozen=True)
 class Solver:
-    """One way to solve a problem, of which only `solve` is timed.
+    """Solver of a problem; only `solve` is timed.
 
-    `prepare` makes its arguments of a problem, and `rates` reads the rates (n,) off what it
-    returned.
+    `prepare` makes its arguments from a problem, and `rates` takes the rates (n,) from its result.
     """
 
     solve: Callable[..., Any]
@@ -116,21 +117,21 @@ class Solver:
     rates: Callable[[Any], Array] = np.asarray
 
     def with_build(self) -> "Solver":
-        """The same, its arguments made within the time."""
+        """Return this solver with the preparation of its arguments in the timed part."""
         solve, prepare = self.solve, self.prepare
         return Solver(lambda problem: solve(*prepare(problem)), rates=self.rates)
 
-    def contender(self, problems: Sequence[Problem], size: int = 1) -> Contender:
-        """To be timed on problems of `size` mappings each, in new arrays for each round."""
+    def candidate(self, problems: Sequence[Problem], size: int = 1) -> Candidate:
+        """Return the candidate: problems of `size` mappings, in new arrays for each round."""
 
         def arguments() -> list[tuple[Any, ...]]:
-            return [self.prepare(deepcopy(each)) for each in problems]
+            return [self.prepare(deepcopy(problem)) for problem in problems]
 
-        return Contender(self.solve, arguments, size * len(problems))
+        return Candidate(self.solve, arguments, size * len(problems))
 
-    def answers(self, problems: Sequence[Problem]) -> Array:
-        """Rates of each problem, shape (N, n)."""
-        return np.array([self.rates(self.solve(*self.prepare(each))) for each in problems])
+    def solutions(self, problems: Sequence[Problem]) -> Array:
+        """Return the rates of all problems, shape (N, n)."""
+        return np.array([self.rates(self.solve(*self.prepare(problem))) for problem in problems])
 
 
 def _map(problem: Problem) -> Array:
@@ -146,7 +147,7 @@ def _map(problem: Problem) -> Array:
 
 
 def _flat(problem: Problem) -> tuple[Any, ...]:
-    """H and f; limits, if there are, beside the major task as equations."""
+    """Return daqp's arguments: H, f, and as constraints the major task and the limits, if any."""
     v_m, none = problem.major, np.zeros(0)
     least, most = problem.limits or (none, none)
     sense = np.zeros(len(most) + len(v_m), dtype=c_int)
@@ -156,7 +157,7 @@ def _flat(problem: Problem) -> tuple[Any, ...]:
 
 
 def _in_levels(problem: Problem) -> tuple[Any, ...]:
-    """H and f of the last level; limits and the first ones as levels of a hierarchy."""
+    """Return daqp's arguments: H and f of the last level; limits and first levels as hierarchy."""
     assert problem.limits is not None
     (least, most), (*first, (A, b)) = problem.limits, problem.levels()
     rows, targets = zip(*first, strict=True)
@@ -173,7 +174,7 @@ def _levels(problem: Problem) -> tuple[Any, ...]:
 def _by_placo(problem: Problem) -> Array:
     A, b, J_m, v_m = problem.parts()
     program = placo.Problem()
-    program.regularization = 0.0  # by default 1e-8, which is seen in the answers
+    program.regularization = 0.0  # the default, 1e-8, exceeds the tolerance
     rates = program.add_variable(len(problem.joint)).expr()
     program.add_constraint(rates.left_multiply(J_m) == v_m).configure("hard", 1.0)
     program.add_constraint(rates.left_multiply(A) == b).configure("soft", 1.0)
@@ -186,55 +187,55 @@ def _constrained_least_squares(problem: Problem) -> tuple[Any, ...]:
     return A, J_m, b, v_m
 
 
-OURS = Solver(_map)
+PRIORITIZED = Solver(_map)
 DAQP = Solver(daqp.solve, _flat, itemgetter(0))
 PLACO = Solver(_by_placo)
 LAPACK = Solver(dgglse, _constrained_least_squares, itemgetter(3))
 LEVELS = Solver(lexicographic_least_squares, _levels, attrgetter("x"))
-DAQP_LEVELS = Solver(lambda *given: daqp.solve(*given, **STRICT), _in_levels, itemgetter(0))
+DAQP_LEVELS = Solver(lambda *arguments: daqp.solve(*arguments, **STRICT), _in_levels, itemgetter(0))
 
 
-def _compared(problems: Sequence[Problem], **solvers: Solver) -> dict[str, Contender]:
-    agree({name: each.answers(problems) for name, each in solvers.items()}, TOLERANCE)
-    return {name: each.contender(problems) for name, each in solvers.items()}
+def _compared(problems: Sequence[Problem], **solvers: Solver) -> dict[str, Candidate]:
+    check_agreement({name: s.solutions(problems) for name, s in solvers.items()}, TOLERANCE)
+    return {name: solver.candidate(problems) for name, solver in solvers.items()}
 
 
-def problem_1(rng: np.random.Generator) -> dict[str, Contender]:
-    """One Problem 1 of the hexapod's size."""
+def problem_1(rng: np.random.Generator) -> dict[str, Candidate]:
+    """Return the candidates for one Problem 1 of the hexapod's size."""
     solvers = {"daqp": DAQP, "daqp_built": DAQP.with_build(), "placo": PLACO, "lapack": LAPACK}
-    return _compared([random_problem(6, rng) for _ in range(64)], ours=OURS, **solvers)
+    return _compared([random_problem(6, rng) for _ in range(64)], ours=PRIORITIZED, **solvers)
 
 
-def many_actuators(rng: np.random.Generator) -> dict[str, Contender]:
-    """The same with 200 actuators."""
-    return _compared([random_problem(200, rng) for _ in range(2)], ours=OURS, daqp=DAQP)
+def many_actuators(rng: np.random.Generator) -> dict[str, Candidate]:
+    """Return the candidates for one Problem 1 with 200 actuators."""
+    return _compared([random_problem(200, rng) for _ in range(2)], ours=PRIORITIZED, daqp=DAQP)
 
 
-def batch(rng: np.random.Generator) -> dict[str, Contender]:
-    """10,000 of them in one call, beside the first ones by daqp, one by one."""
-    size, shown = 10_000, 64
-    together = random_problem(6, rng, (size,))
-    alone = [
+def batch(rng: np.random.Generator) -> dict[str, Candidate]:
+    """Return the candidates for 10,000 Problems 1: in one call, and by daqp one by one."""
+    size, count = 10_000, 64
+    batched = random_problem(6, rng, (size,))
+    single = [
         replace(
-            together,
-            J=together.J[k],
-            major=together.major[k],
-            joint=together.joint[k],
-            secondary=together.secondary[k],
+            batched,
+            J=batched.J[k],
+            major=batched.major[k],
+            joint=batched.joint[k],
+            secondary=batched.secondary[k],
         )
-        for k in range(shown)
+        for k in range(count)
     ]
-    agree({"ours": _map(together)[:shown], "daqp": DAQP.answers(alone)}, TOLERANCE)
-    return {"ours": OURS.contender([together], size), "daqp": DAQP.contender(alone)}
+    check_agreement({"ours": _map(batched)[:count], "daqp": DAQP.solutions(single)}, TOLERANCE)
+    return {"ours": PRIORITIZED.candidate([batched], size), "daqp": DAQP.candidate(single)}
 
 
-def limited(rng: np.random.Generator) -> dict[str, Contender]:
-    """Problem 1 with limits that bind."""
+def limited(rng: np.random.Generator) -> dict[str, Candidate]:
+    """Return the candidates for Problem 1 with limits that bind."""
     problems = [random_limited(6, rng) for _ in range(64)]
-    return _compared(problems, ours=OURS, daqp=DAQP, daqp_built=DAQP.with_build())
+    return _compared(problems, ours=PRIORITIZED, daqp=DAQP, daqp_built=DAQP.with_build())
 
 
-def three_levels(rng: np.random.Generator) -> dict[str, Contender]:
-    """Three levels with limits that bind."""
+def three_levels(rng: np.random.Generator) -> dict[str, Candidate]:
+    """Return the candidates for three levels with limits that bind."""
     problems, built = [random_limited(6, rng) for _ in range(64)], DAQP_LEVELS.with_build()
     return _compared(problems, ours=LEVELS, daqp=DAQP_LEVELS, daqp_built=built)

@@ -1,8 +1,8 @@
-"""The table and the figure of a run: `python -m benchmarks.table RUN.json [FOLDER] [--check]`.
+"""Print and plot the ratios of a run: `python -m benchmarks.table RUN.json [FOLDER] [--check]`.
 
-RUN.json is what pytest-benchmark wrote (`make bench`). With --check the exit code is 1 if a ratio
-that hardly scatters exceeds three times its bound: between processors alone, the same code
-scattered up to 2.3 times it.
+RUN.json is the file that pytest-benchmark wrote (`make bench`). With --check the exit code is 1 if
+a stable ratio exceeds three times its bound: the same code had up to 2.3 times the bound on another
+processor.
 """
 
 import json
@@ -17,39 +17,39 @@ MARGIN = 3.0
 RATIOS = pd.read_csv(
     Path(__file__).with_name("ratios.csv"), true_values=["yes"], false_values=["no"]
 )
-"""One time over another, a row each.
+"""Ratios of times, one a row.
 
-`compared` says in words what two contenders on a `question` are: `over` is timed, and divided by
-the time of `under`. The ratio should be below `bound` and reach `goal`, where there is one; a
-commit may fail only on one that scatters so little that it is called `stable`.
+`compared` describes two candidates for a `question`: the time of `over` is divided by that of
+`under`. The ratio should be below `bound` and, in the long run, reach `goal`. Only `stable` ratios,
+which hardly scatter, are checked.
 """
 
 
-def contenders() -> dict[str, list[str]]:
-    """Those of each question: whoever stands in a row."""
+def candidates() -> dict[str, list[str]]:
+    """Return the names of the candidates for each question."""
     rows = RATIOS.melt("question", ["over", "under"], value_name="name")
     return rows.groupby("question", sort=False)["name"].unique().map(list).to_dict()
 
 
 def times_us(run: dict[str, Any]) -> pd.Series:
-    """Time of one tick or mapping by question and contender: the least of all rounds and turns."""
+    """Return the least time of one tick or mapping [us], by question and candidate."""
     times = pd.DataFrame(
-        each["extra_info"] | {"us": 1e6 * each["stats"]["min"]} for each in run["benchmarks"]
+        entry["extra_info"] | {"us": 1e6 * entry["stats"]["min"]} for entry in run["benchmarks"]
     )
     times["us"] /= times["units"]
     return times.groupby(["question", "name"])["us"].min()
 
 
-def measured(us: pd.Series) -> pd.DataFrame:
-    """The rows of `RATIOS` whose times there are, with both times and the ratio."""
+def measured_ratios(us: pd.Series) -> pd.DataFrame:
+    """Return the rows of `RATIOS` that were timed, with both times [us] and the ratio."""
     rows = RATIOS.copy()
-    for column, who in (("us", "over"), ("beside", "under")):
-        rows[column] = us.reindex(pd.MultiIndex.from_frame(rows[["question", who]])).to_numpy()
+    for column, role in (("us", "over"), ("beside", "under")):
+        rows[column] = us.reindex(pd.MultiIndex.from_frame(rows[["question", role]])).to_numpy()
     return rows.assign(ratio=rows["us"] / rows["beside"]).dropna(subset="ratio")
 
 
 def table(rows: pd.DataFrame) -> str:
-    """All ratios in Markdown."""
+    """Return all ratios as a Markdown table."""
     columns = ["compared", "us", "beside", "ratio", "bound", "goal"]
     numbers = rows[columns[1:]].map(lambda x: "" if pd.isna(x) else f"{x:.3g}")
     cells = [columns, ["---"] * 6, *rows[["compared"]].join(numbers).values.tolist()]
@@ -57,41 +57,41 @@ def table(rows: pd.DataFrame) -> str:
 
 
 def exceeding(rows: pd.DataFrame) -> list[str]:
-    """A sentence on each stable ratio beyond its bound and margin."""
+    """Return a sentence on each stable ratio above `MARGIN` times its bound."""
     slow = rows[rows["stable"] & (rows["ratio"] > MARGIN * rows["bound"])]
     return [
-        f"{each.compared}: {each.ratio:.3g}, expected below {MARGIN * each.bound:g}"
-        for each in slow.itertuples()
+        f"{row.compared}: {row.ratio:.3g}, expected below {MARGIN * row.bound:g}"
+        for row in slow.itertuples()
     ]
 
 
 def figure(rows: pd.DataFrame) -> Figure:
-    """The ratios on a logarithmic axis, left of 1 this library is the faster; goals as ticks."""
-    drawn = Figure(figsize=(8.0, 0.26 * len(rows) + 0.8), layout="constrained")
-    axes = drawn.add_subplot()
+    """Plot the ratios on a logarithmic axis; below 1 this library is faster; goals are ticks."""
+    plot = Figure(figsize=(8.0, 0.26 * len(rows) + 0.8), layout="constrained")
+    axes = plot.add_subplot()
     axes.axvline(1.0, color="0.6", linewidth=1.0)
     axes.plot(rows["ratio"], rows["compared"], "o", color="#0072b2")
     axes.plot(rows["goal"], rows["compared"], "|", color="#d55e00", markersize=10, label="goal")
     axes.invert_yaxis()
     axes.tick_params(axis="y", labelsize=8)
-    axes.set(xscale="log", xlabel="time over the other's")
+    axes.set(xscale="log", xlabel="time divided by the other's")
     axes.grid(axis="x", color="0.9")
     axes.legend(loc="lower right")
-    return drawn
+    return plot
 
 
-def main(words: list[str]) -> int:
-    """Print the table, write it with the figure, and say which ratios exceed their bounds."""
-    files = [Path(word) for word in words if not word.startswith("--")]
-    rows = measured(times_us(json.loads(files[0].read_text(encoding="utf-8"))))
+def main(arguments: list[str]) -> int:
+    """Print the table, write it with the figure, and print which ratios exceed their bounds."""
+    files = [Path(word) for word in arguments if not word.startswith("--")]
+    rows = measured_ratios(times_us(json.loads(files[0].read_text(encoding="utf-8"))))
     print(table(rows))
     for folder in files[1:]:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "bench.md").write_text(f"{table(rows)}\n", encoding="utf-8")
         figure(rows).savefig(folder / "bench.png", dpi=150)
-    wrong = exceeding(rows) if "--check" in words else []
-    print(*wrong, sep="\n")
-    return 1 if wrong else 0
+    too_slow = exceeding(rows) if "--check" in arguments else []
+    print(*too_slow, sep="\n")
+    return 1 if too_slow else 0
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Each contender on each question, timed by pytest-benchmark; `make bench` makes a table of it."""
+"""Time all candidates for all questions with pytest-benchmark; `make bench` makes the table."""
 
 from collections.abc import Callable
 from functools import cache, partial
@@ -8,12 +8,12 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from benchmarks import ik, loops, robots, solvers
-from benchmarks.contender import Contender
-from benchmarks.table import contenders
+from benchmarks.candidate import Candidate
+from benchmarks.table import candidates
 
 TURNS = 10
-"""All contenders of a question take turns, so that disturbances affect all alike."""
-QUESTIONS: dict[str, Callable[[np.random.Generator], dict[str, Contender]]] = {
+"""Number of turns; the candidates for a question alternate, so that disturbances affect all."""
+QUESTIONS: dict[str, Callable[[np.random.Generator], dict[str, Candidate]]] = {
     **{f"loop_{name}": partial(loops.loop, name) for name in ("hexapod", *loops.MAJOR)},
     **{f"tick_{name}": partial(robots.tick, name) for name in robots.ROBOTS},
     **{f"ik_{name}": partial(ik.ik, name) for name in ik.ROBOTS},
@@ -26,8 +26,8 @@ QUESTIONS: dict[str, Callable[[np.random.Generator], dict[str, Contender]]] = {
 
 
 @cache
-def asked(question: str) -> dict[str, Contender]:
-    """Who answers a question, once all agree on the answers; a ValueError if they do not."""
+def candidates_of(question: str) -> dict[str, Candidate]:
+    """Return the candidates for a question, checked to agree; a ValueError if they do not."""
     return QUESTIONS[question](np.random.default_rng(0))
 
 
@@ -35,26 +35,26 @@ def asked(question: str) -> dict[str, Contender]:
     ("question", "turn", "name"),
     [
         (question, turn, name)
-        for question, names in contenders().items()
+        for question, names in candidates().items()
         for turn in range(TURNS)
         for name in (names if turn % 2 else names[::-1])
     ],
 )
 def test_time(benchmark, question, turn, name):
-    """The library and its peers on the same problems, on one thread, garbage collection on."""
-    one = asked(question)[name]
+    """Time one candidate on one thread, with garbage collection."""
+    candidate = candidates_of(question)[name]
 
-    def round_of(given: list[tuple]) -> None:
-        call = one.call
-        for each in given:
-            call(*each)
+    def run_round(calls: list[tuple]) -> None:
+        call = candidate.call
+        for arguments in calls:
+            call(*arguments)
 
     benchmark.group = f"{question}, turn {turn}"
-    benchmark.extra_info.update(question=question, turn=turn, name=name, units=one.units)
+    benchmark.extra_info.update(question=question, turn=turn, name=name, units=candidate.units)
     with threadpool_limits(1):
         benchmark.pedantic(
-            round_of,
-            setup=lambda: ((one.arguments(),), {}),
-            rounds=one.rounds,
-            warmup_rounds=int(one.rounds > 1),
+            run_round,
+            setup=lambda: ((candidate.arguments(),), {}),
+            rounds=candidate.rounds,
+            warmup_rounds=int(candidate.rounds > 1),
         )

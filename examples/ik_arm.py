@@ -1,8 +1,8 @@
-"""Inverse kinematics, an arm: the tool goes on when a joint locks
-===============================================================
+"""Inverse kinematics, an arm: the tool stays on its path when a joint locks
+=========================================================================
 
-A tool follows a circle, exactly; its joints stay as near to a posture as that leaves them, within
-their ranges and 1 rad/s. After 3 s the third joint locks. Who is told uses the others instead.
+A tool follows a circle exactly; the joints stay as close to a posture as this allows, within their
+ranges and 1 rad/s. After 3 s the third joint locks. If this is known, the others replace it.
 """
 
 import matplotlib.pyplot as plt
@@ -13,26 +13,26 @@ import fjh
 model = fjh.load_model(fjh.MODELS / "arm.xml")
 home, dt = fjh.assemble(model), 0.01
 start, tool = fjh.pose_of(model, home, "payload"), fjh.FrameTask("payload")
-sound = fjh.Ik(model, [tool, fjh.PostureTask(target=home.qpos)], fjh.Limits(velocity=1.0))
+healthy = fjh.Ik(model, [tool, fjh.PostureTask(target=home.qpos)], fjh.Limits(velocity=1.0))
 time = np.arange(0.0, 6.0, dt)
 path = start.translation_m + 0.1 * np.c_[0 * time, np.sin(2 * time), 1 - np.cos(2 * time)]
 
 
-def missed(after, machine):
-    """How far the tool is off its circle at each tick [mm]."""
+def errors(after, robot_after):
+    """Yield the distance of the tool from its circle at each tick [mm]."""
     data = home
-    for t, way in zip(time, path, strict=True):
-        tool.target = fjh.Pose(start.rotation, way)
-        ik, robot = (after, machine) if t >= 3.0 else (sound, sound)
+    for t, point in zip(time, path, strict=True):
+        tool.target = fjh.Pose(start.rotation, point)
+        ik, robot = (after, robot_after) if t >= 3.0 else (healthy, healthy)
         data = robot.advance(data, ik.step(data, dt), dt)
-        yield 1e3 * np.linalg.norm(way - data.site("payload").xpos)
+        yield 1e3 * np.linalg.norm(point - data.site("payload").xpos)
 
 
-failed = sound.with_failures(locked=["joint3"])
-runs = {"no failure": (sound, sound), "locked, told": (failed, failed), "not told": (sound, failed)}
+failed = healthy.with_failures(locked=["joint3"])
+runs = {"healthy": (healthy, healthy), "known": (failed, failed), "unknown": (healthy, failed)}
 figure, axes = plt.subplots(figsize=(6.4, 3.0), layout="constrained")
 for (name, run), style in zip(runs.items(), ["k:", "C0-", "C3-"], strict=True):
-    axes.semilogy(time, error := [*missed(*run)], style, label=name)
+    axes.semilogy(time, error := [*errors(*run)], style, label=name)
     print(f"{name}: within {max(error):.3f} mm of the circle")
 axes.set(xlabel="time [s]", title="Joint 3 locks after 3 s: tool off its circle [mm]")
 axes.legend()

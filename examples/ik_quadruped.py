@@ -1,8 +1,8 @@
-"""Inverse kinematics, a quadruped: it steps on when a hip locks
-=============================================================
+"""Inverse kinematics, a quadruped: the feet stay on target when a hip locks
+=========================================================================
 
-The trunk is a variable that no motor moves. Three feet stand, the fourth steps, then the trunk
-sways. After 3 s the right rear hip locks: who is told keeps all feet where they are to be.
+The trunk is a variable without motor. Three feet stand and the fourth steps; with lower priority
+the trunk sways. After 3 s the right rear hip locks. If this is known, all feet stay on target.
 """
 
 import matplotlib.pyplot as plt
@@ -15,25 +15,25 @@ legs = "front_left", "front_right", "rear_left", "rear_right"
 home, dt, time = fjh.assemble(model), 0.01, np.arange(0.0, 6.0, 0.01)
 feet = [fjh.FrameTask(leg, rows=[3, 4, 5], target=home.site(leg).xpos) for leg in legs]
 trunk, posture = fjh.FrameTask("trunk", rows=[3, 4, 5]), fjh.PostureTask(target=home.qpos)
-sound = fjh.Ik(model, [feet[1:], feet[0], trunk, posture], active=["root"])
+healthy = fjh.Ik(model, [feet[1:], feet[0], trunk, posture], active=["root"])
 path = home.site("trunk").xpos + 0.03 * np.c_[np.sin(2 * time), np.cos(2 * time) - 1, 0 * time]
 
 
-def missed(after, machine):
-    """How far a foot is from where it is to be at each tick [mm]."""
+def errors(after, robot_after):
+    """Yield the largest distance of a foot from its target at each tick [mm]."""
     data = home
     for t, trunk.target in zip(time, path, strict=True):
         feet[0].target = home.site(legs[0]).xpos + 0.05 * np.sin(t) * np.array([1, 0, np.sin(t)])
-        ik, robot = (after, machine) if t >= 3.0 else (sound, sound)
+        ik, robot = (after, robot_after) if t >= 3.0 else (healthy, healthy)
         data = robot.advance(data, ik.step(data, dt), dt)
         yield 1e3 * max(np.linalg.norm(foot.on(model).error(model, data)) for foot in feet)
 
 
-failed = sound.with_failures(locked=["rear_right_hip"])
-runs = {"no failure": (sound, sound), "locked, told": (failed, failed), "not told": (sound, failed)}
+failed = healthy.with_failures(locked=["rear_right_hip"])
+runs = {"healthy": (healthy, healthy), "known": (failed, failed), "unknown": (healthy, failed)}
 figure, axes = plt.subplots(figsize=(6.4, 3.0), layout="constrained")
 for (name, run), style in zip(runs.items(), ["k:", "C0-", "C3-"], strict=True):
-    axes.semilogy(time, error := [*missed(*run)], style, label=name)
+    axes.semilogy(time, error := [*errors(*run)], style, label=name)
     print(f"{name}: feet within {max(error):.3f} mm")
 axes.set(xlabel="time [s]", title="The right rear hip locks after 3 s: feet off their places [mm]")
 axes.legend()

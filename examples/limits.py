@@ -1,8 +1,8 @@
 """Limits: how fast can the arm turn its camera?
 =============================================
 
-Rates of least norm soon reach the limit of a motor. They can be clipped, or all slowed down alike.
-A mapping that knows the limits uses motors with speed to spare, and stays exact for longer.
+Rates of minimum norm soon reach the limit of a motor. They can be clipped, or scaled down together.
+A mapping with limits uses the motors that are still below theirs, and stays exact at higher speeds.
 """
 
 import matplotlib.pyplot as plt
@@ -20,7 +20,7 @@ least_norm = kin.velocity_mapping(major=[0, 1])(demand)
 too_fast = np.maximum(1.0, np.abs(least_norm).max(axis=1, keepdims=True))
 rates = {
     "clipped": np.clip(least_norm, *limits),
-    "slowed down alike": least_norm / too_fast,
+    "scaled down": least_norm / too_fast,
     "limits in the mapping": kin.velocity_mapping(major=[0, 1], rate_limits=limits)(demand),
 }
 missed = {name: np.linalg.norm(r @ kin.J[:2].T - demand, axis=1) for name, r in rates.items()}

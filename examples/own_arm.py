@@ -1,8 +1,8 @@
 """Your robot: does it stay on its path when a joint locks?
 ========================================================
 
-An arm points a camera along a circle; its elbow locks at 0.8 s, unannounced. The supervisor finds
-the failed motor from the sensors, and uses the others. Your robot: its file, a site, task rows.
+An arm points a camera along a circle; its elbow locks at 0.8 s, unannounced. The supervisor
+identifies the failed motor and uses the others. For your robot change file, site and task rows.
 """
 
 import matplotlib.pyplot as plt
@@ -14,12 +14,12 @@ task = {"site": "payload", "axes": "base", "major": [0, 1], "size": 0.02, "noise
 rig = fjh.Rig.of_mjcf(fjh.MODELS / "arm.xml", **task)
 path = rig.path("circle", duration_s=2.2, turn_s=2.0)
 lock = fjh.Failure("motor4", "locked", 0.8)
-pilots = {"unaware": rig.controller(), "supervised": rig.supervisor()}
-runs = {name: rig.fly(pilot, path, failures=[lock]) for name, pilot in pilots.items()}
-late = runs["unaware"].time_s >= 1.3
+controllers = {"controller": rig.controller(), "supervisor": rig.supervisor()}
+runs = {name: rig.fly(each, path, failures=[lock]) for name, each in controllers.items()}
+late = runs["controller"].time_s >= 1.3
 error = {name: 1e3 * np.linalg.norm(run.desired - run.true, axis=1) for name, run in runs.items()}
 rms = {name: np.sqrt(np.mean(values[late] ** 2)) for name, values in error.items()}
-print(runs["supervised"].status)
+print(runs["supervisor"].status)
 for name, value in rms.items():
     print(f"{name}: RMS error {value:.3f} mrad from 1.3 s on, on a circle of 20 mrad")
 
@@ -33,8 +33,8 @@ time.axvline(lock.time_s, color="black", linestyle=":")
 plane.set(xlabel="rotation about x [mrad]", ylabel="rotation about y [mrad]", aspect="equal")
 plane.legend(loc="center", frameon=True)
 time.set(xlabel="time [s]", ylabel="pointing error [mrad]", title="elbow locks at 0.8 s")
-delay, times = runs["supervised"].diagnoses[0].time_s - 0.8, rms["unaware"] / rms["supervised"]
+delay, times = runs["supervisor"].diagnoses[0].time_s - 0.8, rms["controller"] / rms["supervisor"]
 figure.suptitle(
-    f"A lock, diagnosed in {1e3 * delay:.0f} ms: the error is {times:.0f} times smaller"
+    f"A lock, diagnosed after {1e3 * delay:.0f} ms: the error is {times:.0f} times smaller"
 )
 plt.savefig("own_arm.png")

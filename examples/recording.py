@@ -1,9 +1,9 @@
-"""Recording: how do I keep a flight and look at it?
-=================================================
+"""Recording: how do I save and view a run?
+========================================
 
-One call writes two files: an .npz with all signals of every tick, and a recording in which the
-viewer Rerun moves the arm beside its signals (`rerun recording.rrd`), its failed motor marked; its
-results are its properties. `fjh review recording.npz` shows it beside other runs.
+One call writes two files: an .npz with all signals of every tick, and a recording for the viewer
+Rerun (`rerun recording.rrd`): the arm in motion, with its failed motor marked, next to its signals.
+The results are properties of the recording. `fjh review recording.npz` compares runs.
 """
 
 from pathlib import Path
@@ -21,11 +21,11 @@ run = rig.fly(rig.controller(), rig.path("circle", duration_s=2.5, turn_s=2.0), 
 fjh.record("recording.rrd", rig, run)
 for name in ("recording.npz", "recording.rrd"):
     print(f"{name}: {Path(name).stat().st_size / 1e3:.0f} kB, {len(run.time_s)} ticks of 1 ms")
-said = "{failures}: {rms_before_rad:.1g} rad RMS before, {rms_after_rad:.1g} after"
-print(said.format(**properties_of(Path("recording.rrd"))))
+text = "{failures}: {rms_before_rad:.1g} rad RMS before, {rms_after_rad:.1g} after"
+print(text.format(**properties_of(Path("recording.rrd"))))
 
-with np.load("recording.npz") as kept:
-    time_s, moved, error = kept["time_s"], kept["displacement"], kept["desired"] - kept["true"]
+with np.load("recording.npz") as data:
+    time_s, moved, error = data["time_s"], data["displacement"], data["desired"] - data["true"]
 plt.style.use("seaborn-v0_8-whitegrid")
 figure, (above, below) = plt.subplots(2, figsize=(6.4, 3.8), layout="constrained", sharex=True)
 above.plot(time_s, moved, color="tab:gray", linewidth=1)
@@ -36,5 +36,5 @@ below.plot(time_s, 1e3 * np.linalg.norm(error, axis=1), color="tab:blue")
 below.set(xlabel="time [s]", ylabel="error [mrad]", ylim=(0, None))
 above.axvline(lock.time_s, color="black", linestyle=":")
 most = 1e3 * np.linalg.norm(error, axis=1).max()
-figure.suptitle(f"A flight read back: motor2 stops at 1 s, the camera is off by {most:.0f} mrad")
+figure.suptitle(f"A saved run: motor2 locks at 1 s, the camera is off by {most:.0f} mrad")
 plt.savefig("recording.png")

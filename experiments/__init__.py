@@ -1,1 +1,1 @@
-"""Experiments: the only package that uses both the theory and the simulation."""
+"""Studies of the paper, and the command `fjh`."""

@@ -1,4 +1,4 @@
-"""`python -m experiments` is `fjh`."""
+"""Run `fjh`, as `python -m experiments`."""
 
 from fjh.study.interrupts import exit_on_interrupt
 
@@ -8,10 +8,10 @@ import os  # noqa: E402
 
 from experiments.app.start import run  # noqa: E402
 
-# MuJoCo otherwise imports a window library, which starts a process to find it: one that prints a
-# traceback if Ctrl-C ends this command, or one of its workers, at that moment.
+# MuJoCo otherwise imports a window library, which starts a process to find it; if Ctrl-C comes at
+# that moment, the process prints a traceback.
 os.environ.setdefault("MUJOCO_GL", "disabled")
-os.environ.setdefault("RUST_LOG", "off")  # Rerun's reader: what it cannot read we say ourselves
+os.environ.setdefault("RUST_LOG", "off")  # unreadable recordings have messages of our own
 
 if __name__ == "__main__":
     run()

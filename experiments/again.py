@@ -1,4 +1,4 @@
-"""A run of a dataset once more, from its number."""
+"""Repetition of a single run of a dataset."""
 
 import sys
 from pathlib import Path
@@ -14,43 +14,45 @@ from fjh.study.errors import WrongInput
 from fjh.study.untrusted_files import read_json
 
 
-def fly_again(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
-    """Fly a run of a dataset once more, from its number.
+def repeat_run(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
+    """Simulate a run of a dataset again.
 
     Args:
-        folder: With the results of `fjh paper recover` or `fjh paper sweep`.
-        case: The run's number, in the column `case`.
+        folder: Folder with the results of `fjh paper recover`, `fjh paper sweep` or
+            `fjh paper atlas`.
+        case: Number of the run, in the column `case`.
 
     Returns:
-        The run; and a frame with a row for each of its numbers, with what is `stored`, what is
-        `flown` now, and whether both are the `same` to 1e-9, which they need not be under other
-        versions of this project or its packages.
+        The run; and a frame with a row for each measured quantity, with the `stored` value, the
+        value `flown` now, and whether both are the `same` to 1e-9, which they need not be under
+        other versions of this project or its packages.
 
     Raises:
         WrongInput: The folder has no such dataset or run, or its runs cannot be repeated.
     """
     contents = [read_json(file) for file in sorted(Path(folder).glob("*.json"))]
     summary = next(
-        (each for each in contents if isinstance(each, dict) and "dataset" in each), None
+        (content for content in contents if isinstance(content, dict) and "dataset" in content),
+        None,
     )
     rows = pd.DataFrame() if summary is None else runs_of(Path(folder), summary)
     stored = rows[rows.case == case] if len(rows) else rows
     if summary is None or stored.empty:
         raise WrongInput(f"{folder} has no dataset with a case {case}")
     name = str(summary["experiment"])
-    again = getattr(sys.modules[study(name).__module__], "again", None)
-    if again is None:
-        raise WrongInput(f"runs of fjh {name} cannot be flown again")
-    runs, fly = again(summary)
-    drawn, row = runs[case], stored.iloc[0]
-    if others := [k for k, v in drawn.parameters().items() if not _is_same(row.get(k), v)]:
+    repeatable_runs = getattr(sys.modules[study(name).__module__], "repeatable_runs", None)
+    if repeatable_runs is None:
+        raise WrongInput(f"runs of fjh {name} cannot be repeated")
+    runs, repeat = repeatable_runs(summary)
+    parameters, row = runs[case], stored.iloc[0]
+    if changed := [k for k, v in parameters.parameters().items() if not _is_same(row.get(k), v)]:
         raise WrongInput(
-            f"case {case} cannot be flown again: this version draws another {others[0]}"
+            f"case {case} cannot be repeated: this version samples another {changed[0]}"
         )
-    columns, run = fly(drawn)
-    beside = pd.DataFrame({"stored": row, "flown": pd.Series(columns)}).loc[[*columns]]
-    pairs = zip(beside.stored, beside.flown, strict=True)
-    return run, beside.assign(same=[_is_same(stored, flown) for stored, flown in pairs])
+    columns, run = repeat(parameters)
+    comparison = pd.DataFrame({"stored": row, "flown": pd.Series(columns)}).loc[[*columns]]
+    pairs = zip(comparison.stored, comparison.flown, strict=True)
+    return run, comparison.assign(same=[_is_same(a, b) for a, b in pairs])
 
 
 def _is_same(a: Any, b: Any) -> bool:

@@ -1,4 +1,4 @@
-"""The study `figures`: margins of the control loops, and pointing in each failure condition."""
+"""Study `figures`: margins of the control loops, and pointing in each failure condition."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -33,19 +33,20 @@ from sim.mjcf import model_sha256
 
 
 class OpenLoop(NamedTuple):
-    """Frequency response of one pointing loop as it runs: sampled, behind the zero-order hold."""
+    """Frequency response of one pointing loop in discrete time, with its zero-order hold."""
 
     loop: Loop
     frequency_hz: Array  # (F,), from 0.1 Hz to four fifths of the Nyquist frequency
     plant: Array  # complex response of the pointing angle to its commanded value, (F,)
-    open_loop: Array  # the same behind the compensator
+    open_loop: Array  # the plant's response times the compensator's, (F,)
 
 
 def figures(*, model: MachineFile = None, on_progress: OnProgress) -> Result:
     """Compute margins of the control loops, and pointing in each failure condition.
 
-    Designs both pointing loops for the machine: transfer functions, margins, a Bode plot. Of the
-    3^6 conditions of sound, locked and free struts a map shows in which pointing is possible. 10 s.
+    Designs both pointing loops for the machine: transfer functions, margins, a Bode plot. A map
+    shows in which of the 3^6 conditions of healthy, locked and free struts pointing is possible.
+    10 s.
 
     Writes figures.json, its tables as figures.md and Parquet, and bode and atlas, each as .png and
     .pdf.
@@ -56,7 +57,7 @@ def figures(*, model: MachineFile = None, on_progress: OnProgress) -> Result:
     geometry, (plant, pointing) = hexapod(machine), nominal_plant(machine)
     loops = design(plant, pointing, bench)
     poles = np.linalg.eigvals(plant.A)
-    found = pointing_classifications(failure_atlas(elastic_system(machine), MAJOR))
+    classes = pointing_classifications(failure_atlas(elastic_system(machine), MAJOR))
     margins = pd.DataFrame(map(loop_measures, loops)).drop(columns="sentence")
     margins.insert(0, "angle", ANGLES)
     settings = origin(0) | {
@@ -65,21 +66,21 @@ def figures(*, model: MachineFile = None, on_progress: OnProgress) -> Result:
         "modes_hz": np.sort(abs(poles[poles.imag > 0])) / (2 * np.pi),
         "strut_length_m": geometry.nominal_length_m,
     }
-    verdicts = counted(found)
+    counts = class_counts(classes)
     opened = {
         angle: open_loop(plant, pointing, loop, row)
         for row, (angle, loop) in enumerate(zip(ANGLES, loops, strict=True))
     }
     return Result(
         settings=settings,
-        tables={"loops": margins, "verdicts": verdicts},
-        views=shown(margins, verdicts),
-        pictures=pictures(opened, found),
+        tables={"loops": margins, "verdicts": counts},
+        views=printed_tables(margins, counts),
+        pictures=pictures(opened, classes),
     )
 
 
 def open_loop(plant: LinearPlant, pointing: Array, loop: Loop, row: int) -> OpenLoop:
-    """The response of the loop of one pointing angle, alpha in row 0 or beta in row 1."""
+    """Compute the response of the loop of one pointing angle, alpha in row 0 or beta in row 1."""
     frequency_hz = np.geomspace(0.1, 0.4 / loop.period_s, 1500)
     P, C = (
         control.frequency_response(system, 2 * np.pi * frequency_hz).complex
@@ -88,19 +89,19 @@ def open_loop(plant: LinearPlant, pointing: Array, loop: Loop, row: int) -> Open
     return OpenLoop(loop, frequency_hz, P, P * C)
 
 
-def counted(found: Sequence[Classification]) -> pd.DataFrame:
-    """In how many conditions each verdict holds, in all and by the number of failed struts."""
+def class_counts(classes: Sequence[Classification]) -> pd.DataFrame:
+    """Count the conditions in each class, in all and by the number of failed struts."""
     rows = [
-        {"verdict": verdict.name, "pointing": verdict.label, "conditions": int(verdict.holds.sum())}
-        | {f"failures_{k}": int(count) for k, count in enumerate(verdict.by_failures)}
-        for verdict in found
+        {"verdict": entry.name, "pointing": entry.label, "conditions": int(entry.holds.sum())}
+        | {f"failures_{k}": int(count) for k, count in enumerate(entry.by_failures)}
+        for entry in classes
     ]
     return pd.DataFrame(rows)
 
 
-def shown(margins: pd.DataFrame, verdicts: pd.DataFrame) -> list[TableView]:
-    """The printed tables."""
-    counts = verdicts.rename(columns=lambda name: name.removeprefix("failures_"))
+def printed_tables(margins: pd.DataFrame, counts: pd.DataFrame) -> list[TableView]:
+    """Return the printed tables."""
+    table = counts.rename(columns=lambda name: name.removeprefix("failures_"))
     return [
         TableView(
             "Pointing loops",
@@ -109,16 +110,16 @@ def shown(margins: pd.DataFrame, verdicts: pd.DataFrame) -> list[TableView]:
         ),
         TableView(
             "Pointing by number of failed struts",
-            counts,
+            table,
             "pointing 0 1 2 3 4 5 6 conditions",
-            f"Numbers of conditions, {verdicts.conditions.sum()} in all; a failed strut is locked "
+            f"Numbers of conditions, {counts.conditions.sum()} in all; a failed strut is locked "
             "or free.",
         ),
     ]
 
 
-def pictures(loops: Mapping[str, OpenLoop], found: Sequence[Classification]) -> list[Picture]:
-    """Both figures and their captions."""
+def pictures(loops: Mapping[str, OpenLoop], classes: Sequence[Classification]) -> list[Picture]:
+    """Return both figures with their captions."""
     return [
         Picture(
             "bode",
@@ -129,38 +130,38 @@ def pictures(loops: Mapping[str, OpenLoop], found: Sequence[Classification]) -> 
         ),
         Picture(
             "atlas",
-            "Every combination of sound, locked and free struts: can the hexapod still point?",
-            "A map of 27 by 27 conditions; shares of the verdicts over the number of failures.",
-            partial(figure_atlas, found),
+            "Pointing of the hexapod in every combination of healthy, locked and free struts.",
+            "A map of 27 by 27 conditions; shares of the classes over the number of failures.",
+            partial(figure_atlas, classes),
         ),
     ]
 
 
 def figure_bode(loops: Mapping[str, OpenLoop]) -> Figure:
-    """Magnitude above phase, alpha beside beta: open loop, plant, compensator."""
+    """Plot magnitude and phase of the alpha and beta loops: open loop, plant, compensator."""
     figure = new_figure(PAGE_IN, 4.4)
     figure.suptitle("Open pointing loops in discrete time, the plant with its zero-order hold")
     grid = figure.subplots(2, 2, sharex=True, sharey="row", height_ratios=[1.2, 1])
-    for (magnitude, phase), (angle, one) in zip(grid.T, loops.items(), strict=True):
+    for (magnitude, phase), (angle, data) in zip(grid.T, loops.items(), strict=True):
         for response, style in (
-            (one.open_loop, {"color": BLUE, "lw": 1.5, "label": "open loop"}),
-            (one.open_loop / one.plant, {"color": ORANGE, "ls": "--", "label": "compensator"}),
-            (one.plant, {"color": BLACK, "ls": ":", "label": "plant"}),
+            (data.open_loop, {"color": BLUE, "lw": 1.5, "label": "open loop"}),
+            (data.open_loop / data.plant, {"color": ORANGE, "ls": "--", "label": "compensator"}),
+            (data.plant, {"color": BLACK, "ls": ":", "label": "plant"}),
         ):
-            magnitude.semilogx(one.frequency_hz, 20 * np.log10(abs(response)), **style)
-            phase.semilogx(one.frequency_hz, np.rad2deg(np.unwrap(np.angle(response))), **style)
+            magnitude.semilogx(data.frequency_hz, 20 * np.log10(abs(response)), **style)
+            phase.semilogx(data.frequency_hz, np.rad2deg(np.unwrap(np.angle(response))), **style)
         magnitude.axhline(0, color=BLACK, lw=0.6)
         phase.axhline(-180, color=BLACK, lw=0.6)
-        loop = one.loop
+        loop = data.loop
         hz, deg, db = loop.crossover_hz, loop.phase_margin_deg, loop.gain_margin_db
-        said = f"phase margin {deg:.1f}°\nat {hz:.2f} Hz"
-        _margin(phase, magnitude, hz, (-180, -180 + deg), said, ls="--")
-        if np.isfinite(db):  # else the phase never passes -180 degrees
+        text = f"phase margin {deg:.1f}°\nat {hz:.2f} Hz"
+        _margin(phase, magnitude, hz, (-180, -180 + deg), text, ls="--")
+        if np.isfinite(db):  # infinite if the phase never crosses -180 degrees
             hz = loop.phase_crossover_hz
-            said = f"gain margin {db:.1f} dB\nat {hz:.1f} Hz"
-            _margin(magnitude, phase, hz, (-db, 0), said, ls=":")
+            text = f"gain margin {db:.1f} dB\nat {hz:.1f} Hz"
+            _margin(magnitude, phase, hz, (-db, 0), text, ls=":")
         magnitude.set_title(f"$\\{angle}$ loop, sampled every {1e3 * loop.period_s:g} ms")
-        phase.set(xlabel="frequency, Hz", xlim=one.frequency_hz[[0, -1]])
+        phase.set(xlabel="frequency, Hz", xlim=data.frequency_hz[[0, -1]])
     grid[0, 0].set(ylabel="magnitude, dB", ylim=(-85, 55))
     grid[1, 0].set(ylabel="phase, deg", ylim=(-560, 20), yticks=range(-540, 1, 90))
     grid[0, 1].legend(loc="upper right")
@@ -168,50 +169,50 @@ def figure_bode(loops: Mapping[str, OpenLoop]) -> Figure:
 
 
 def _margin(
-    axes: Axes, beside: Axes, hz: float, span: tuple[float, float], said: str, *, ls: str
+    axes: Axes, other_axes: Axes, hz: float, span: tuple[float, float], text: str, *, ls: str
 ) -> None:
-    """An arrow over the span, named at its first end; a line in both panels."""
-    for panel in (axes, beside):
+    """Draw an arrow over the span with a label at its first end, and a line in both panels."""
+    for panel in (axes, other_axes):
         panel.axvline(hz, color=VERMILION, lw=0.6, ls=ls)
     arrow = {"arrowstyle": "<->", "color": VERMILION, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", (hz, span[0]), (hz, span[1]), arrowprops=arrow)
     place: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "va": "top"}
     paper = {"fc": "white", "lw": 0, "pad": 1}
-    axes.annotate(said, (hz, span[0]), (-4, -6), **place, bbox=paper)
+    axes.annotate(text, (hz, span[0]), (-4, -6), **place, bbox=paper)
 
 
-def figure_atlas(every: Sequence[Classification]) -> Figure:
-    """Map of all 3^6 conditions, and the share of each verdict over the number of failures."""
-    figure, found = new_figure(PAGE_IN, 4.9), [each for each in every if each.holds.any()]
-    count = {verdict.name: verdict.holds.sum() for verdict in every}
+def figure_atlas(classes: Sequence[Classification]) -> Figure:
+    """Plot the class of all 3^6 conditions, and the share of each over the number of failures."""
+    figure, present = new_figure(PAGE_IN, 4.9), [entry for entry in classes if entry.holds.any()]
+    count = {entry.name: entry.holds.sum() for entry in classes}
     figure.suptitle(
-        f"Pointing in the {len(every[0].holds)} failure conditions: still exact in "
+        f"Pointing in the {len(classes[0].holds)} failure conditions: still exact in "
         f"{count['rigid']} without springs, in {count['rigid'] + count['springs']} with them"
     )
     left, right = figure.subplots(1, 2, width_ratios=[1.4, 1])
-    _map(left, found)
-    _by_failures(right, found)
+    _map(left, present)
+    _by_failures(right, present)
     legend = [
-        Patch(fc=verdict.color, ec=BLACK, lw=0.4, label=f"{verdict.holds.sum()} {verdict.label}")
-        for verdict in found
+        Patch(fc=entry.color, ec=BLACK, lw=0.4, label=f"{entry.holds.sum()} {entry.label}")
+        for entry in present
     ]
     figure.legend(handles=legend, loc="outside lower center", ncols=2)
     return figure
 
 
-def _map(axes: Axes, found: Sequence[Classification]) -> None:
-    """Struts 1 to 3 down the rows, 4 to 6 along the columns: the order of the atlas itself."""
-    number = np.argmax([verdict.holds for verdict in found], axis=0)  # noqa: TID251 - truth values
+def _map(axes: Axes, classes: Sequence[Classification]) -> None:
+    """Plot the map: struts 1 to 3 down the rows, 4 to 6 along the columns, in the atlas' order."""
+    number = np.argmax([entry.holds for entry in classes], axis=0)  # noqa: TID251 - truth values
     axes.pcolormesh(
         number.reshape(27, 27),
-        cmap=ListedColormap([verdict.color for verdict in found]),
+        cmap=ListedColormap([entry.color for entry in classes]),
         vmin=-0.5,
-        vmax=len(found) - 0.5,
+        vmax=len(classes) - 0.5,
         edgecolors="white",
         linewidth=0.4,
     )
     axes.set(aspect="equal", xlim=(-3.2, 27), ylim=(27, -3.2))
-    axes.set_title("Each condition: S sound, L locked, F free")
+    axes.set_title("Each condition: S healthy, L locked, F free")
     axes.axis("off")
     for place in (9, 18):
         axes.plot([place, place], [-3.2, 27], color=BLACK, lw=1)
@@ -226,15 +227,15 @@ def _map(axes: Axes, found: Sequence[Classification]) -> None:
         axes.text(out + 0.5, 27.3, f"strut {1 + level}", va="top", ha="center", rotation=90)
 
 
-def _by_failures(axes: Axes, found: Sequence[Classification]) -> None:
-    """How many failures until the task is lost."""
-    conditions = np.sum([verdict.by_failures for verdict in found], axis=0)
+def _by_failures(axes: Axes, classes: Sequence[Classification]) -> None:
+    """Plot the share of each class over the number of failures."""
+    conditions = np.sum([entry.by_failures for entry in classes], axis=0)
     left, rows = np.zeros(len(conditions)), range(len(conditions))
-    for verdict in found:
-        ink = "white" if verdict.color in (BLACK, BLUE) else BLACK
-        count = verdict.by_failures
+    for entry in classes:
+        ink = "white" if entry.color in (BLACK, BLUE) else BLACK
+        count = entry.by_failures
         share = 100 * count / conditions
-        axes.barh(rows, share, left=left, color=verdict.color, ec="white", lw=0.4)
+        axes.barh(rows, share, left=left, color=entry.color, ec="white", lw=0.4)
         for k in np.flatnonzero(share > 4).tolist():
             middle = float(left[k] + share[k] / 2)
             axes.text(middle, k, str(count[k]), ha="center", va="center", color=ink)

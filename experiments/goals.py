@@ -1,4 +1,4 @@
-"""The study `goals`: four secondary goals that pointing must not notice; docs/priorities.md."""
+"""Study `goals`: four secondary goals that must not change the pointing; docs/priorities.md."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from argument_checks.ties import greatest
 from experiments import goals_physics as physics
-from experiments.goals_physics import Flown, Loops, Strategy
+from experiments.goals_physics import GoalRun, Loops, Strategy
 from fjh.recording.file import RecordingInfo
 from fjh.recording.layout import write_scenes
 from fjh.recording.properties import checked, constants
@@ -36,41 +36,41 @@ from fjh.study.workers import in_parallel
 from sim import Array, load_model
 
 REFERENCE = "unlimited"
-"""The run that does nothing where there is nothing to avoid: what the error would be anyway."""
-JUDGED_FROM_S = physics.SLEW_S + 0.5
-"""The slew's own error has died away by then: twenty time constants of the slower loop."""
+"""Name of the reference run, without limit and without goal."""
+EVALUATED_FROM_S = physics.SLEW_S + 0.5
+"""Start of the evaluation [s], twenty time constants of the slower loop after the slew."""
 CHANGES = {
     "rms_change_urad": "change of the RMS of the pointing error",
     "peak_change_urad": "change of its peak",
     "difference_rms_urad": "RMS of the change of pointing, tick by tick",
     "difference_peak_urad": "largest change of pointing at one tick",
 }
-"""What another seed does to the two angles, and what a goal must stay below."""
+"""Measures of the change of pointing by a goal, to be less than that by another noise seed."""
 DETAILS = "temperature_c", "singular_values"
-"""Arrays that a recording shows beside the measure, of runs that have them."""
+"""Names of arrays that a recording shows in addition to the measure, if the run has them."""
 
 
 @dataclass(frozen=True)
 class SecondaryGoal:
-    """A secondary goal, and the run that needs it.
+    """Secondary goal, and the run in which it is necessary.
 
     Attributes:
-        name: As in `goals.json`.
-        title: For people.
-        fly: Makes one run.
-        measure: With its unit, as in the data file.
-        says: The measure, for people.
-        limit: Of the measure, which stays below it or above.
-        keeps_below: Whether it stays below.
-        duration_s: Of the whole study's run, and with --quick.
+        name: Name in `goals.json`.
+        title: Title in figures and recordings.
+        simulate: Function that simulates one run.
+        measure: Name of the measure with its unit, as in the data file.
+        label: Label of the measure in figures.
+        limit: Limit of the measure.
+        keeps_below: Whether the measure must stay below the limit, else above.
+        duration_s: Durations of the run, in full and with --quick.
         angles: Names of the two pointing errors.
     """
 
     name: str
     title: str
-    fly: Callable[[Strategy, float, Loops], Flown]
+    simulate: Callable[[Strategy, float, Loops], GoalRun]
     measure: str
-    says: str
+    label: str
     limit: float
     keeps_below: bool
     duration_s: tuple[float, float]
@@ -78,7 +78,7 @@ class SecondaryGoal:
 
     @property
     def on_arm(self) -> bool:
-        """Whether the machine is the serial arm, else the hexapod."""
+        """Flag of the serial arm; the machine is the hexapod otherwise."""
         return self.name == "singularity"
 
 
@@ -86,9 +86,9 @@ GOALS = (
     SecondaryGoal(
         name="reliability",
         title="Reliability on the fly",
-        fly=physics.fly_reliability,
+        simulate=physics.simulate_reliability,
         measure="hottest_coil_c",
-        says="hottest coil, °C",
+        label="hottest coil, °C",
         limit=physics.LIMIT_C,
         keeps_below=True,
         duration_s=(16.0, 8.0),
@@ -96,29 +96,29 @@ GOALS = (
     SecondaryGoal(
         name="stroke",
         title="Stroke limits of the struts",
-        fly=physics.fly_stroke,
+        simulate=physics.simulate_stroke,
         measure="stroke_margin_um",
-        says="least stroke left, µm",
-        limit=10.0,  # current and stop end together
+        label="least stroke left, µm",
+        limit=10.0,  # where the coil current is at its limit, too
         keeps_below=False,
         duration_s=(10.0, 5.0),
     ),
     SecondaryGoal(
         name="obstacle",
         title="An obstacle beside the payload",
-        fly=physics.fly_obstacle,
+        simulate=physics.simulate_obstacle,
         measure="clearance_um",
-        says="clearance, µm",
-        limit=10.0,  # less is a collision, or as good as one
+        label="clearance, µm",
+        limit=10.0,  # below it a collision is imminent
         keeps_below=False,
         duration_s=(10.0, 5.0),
     ),
     SecondaryGoal(
         name="singularity",
         title="A singularity of the serial arm",
-        fly=physics.fly_singularity,
+        simulate=physics.simulate_singularity,
         measure="condition_number",
-        says="condition number of $J_m$",
+        label="condition number of $J_m$",
         limit=5.0,
         keeps_below=True,
         duration_s=(12.0, 8.0),
@@ -127,7 +127,7 @@ GOALS = (
 )
 
 SETTINGS: dict[str, Any] = {
-    "judged_from_s": JUDGED_FROM_S,
+    "judged_from_s": EVALUATED_FROM_S,
     "relax_s": physics.RELAX_S,
     "reliability_target_urad": physics.HOT_TARGET_URAD,
     **{f"coil_{name}": value for name, value in asdict(physics.COILS).items()},
@@ -154,7 +154,7 @@ SETTINGS: dict[str, Any] = {
 
 
 def strategies(seed: int, *, quick: bool) -> list[Strategy]:
-    """All runs of one goal: the three strategies, and what noise alone changes."""
+    """Return all runs of one goal: with it, without it, compromises, and other noise seeds."""
     weights = (10.0,) if quick else (1.0, 10.0, 100.0)
     pursued = Strategy("pursued", pursues=True, major_weight=None, limited=True, seed=seed)
     unlimited = replace(pursued, name=REFERENCE, pursues=False, limited=False)
@@ -185,14 +185,14 @@ def goals(
 
     Example: fjh paper goals --seed 2 --out /tmp/goals
     """
-    loops, ways = nominal_loops(load_model(), physics.BENCH), strategies(seed, quick=quick)
+    loops, compared = nominal_loops(load_model(), physics.BENCH), strategies(seed, quick=quick)
     calls = [
-        {"goal": goal, "strategy": way, "duration_s": goal.duration_s[quick], "loops": loops}
+        {"goal": goal, "strategy": strategy, "duration_s": goal.duration_s[quick], "loops": loops}
         for goal in GOALS
-        for way in ways
+        for strategy in compared
     ]
-    found = iter(in_parallel(_fly, calls, on_progress))
-    flown = {goal.name: {way.name: next(found) for way in ways} for goal in GOALS}
+    done = iter(in_parallel(_simulate, calls, on_progress))
+    runs = {goal.name: {strategy.name: next(done) for strategy in compared} for goal in GOALS}
     settings = origin(seed, arm=ARM_MJCF) | {
         "jacobian": "constant",
         "bench": asdict(physics.BENCH) | plant_constants(load_model()),
@@ -201,13 +201,13 @@ def goals(
         "data": [f"{goal.name}.npz" for goal in GOALS],
         "recordings": [f"{goal.name}.rrd" for goal in GOALS],
     }
-    pairs = [(goal, way, flown[goal.name]) for goal in GOALS for way in ways]
+    pairs = [(goal, strategy, runs[goal.name]) for goal in GOALS for strategy in compared]
     angles = pd.concat(
-        [angle_rows(goal, way, its[way.name], its[REFERENCE]) for goal, way, its in pairs],
+        [angle_rows(goal, how, its[how.name], its[REFERENCE]) for goal, how, its in pairs],
         ignore_index=True,
     )
     tables = {
-        "runs": pd.DataFrame([run_row(goal, way, its[way.name]) for goal, way, its in pairs]),
+        "runs": pd.DataFrame([run_row(goal, how, its[how.name]) for goal, how, its in pairs]),
         "angles": angles,
         "another_seed": another_seed(angles),
     }
@@ -215,20 +215,20 @@ def goals(
         settings=settings,
         tables=tables,
         checks=checks(**tables),
-        views=shown(**tables),
-        pictures=[Picture("goals", CAPTION, ALT, partial(figure, flown, **tables))],
-        arrays={f"{goal.name}.npz": arrays(goal, flown[goal.name]) for goal in GOALS},
-        records=[partial(record, goal, flown[goal.name], settings, **tables) for goal in GOALS],
+        views=printed_tables(**tables),
+        pictures=[Picture("goals", CAPTION, ALT, partial(figure, runs, **tables))],
+        arrays={f"{goal.name}.npz": arrays(goal, runs[goal.name]) for goal in GOALS},
+        records=[partial(record, goal, runs[goal.name], settings, **tables) for goal in GOALS],
     )
 
 
-def _fly(goal: SecondaryGoal, strategy: Strategy, duration_s: float, loops: Loops) -> Flown:
-    return goal.fly(strategy, duration_s, loops)
+def _simulate(goal: SecondaryGoal, strategy: Strategy, duration_s: float, loops: Loops) -> GoalRun:
+    return goal.simulate(strategy, duration_s, loops)
 
 
-def run_row(goal: SecondaryGoal, strategy: Strategy, flown: Flown) -> dict[str, Any]:
-    """What is measured of a run, but for its pointing."""
-    worst = float(flown.measure.max() if goal.keeps_below else flown.measure.min())
+def run_row(goal: SecondaryGoal, strategy: Strategy, run: GoalRun) -> dict[str, Any]:
+    """Return the row of a run: its strategy, and its measure against the limit."""
+    worst = float(run.measure.max() if goal.keeps_below else run.measure.min())
     return {
         "goal": goal.name,
         **asdict(strategy),
@@ -237,17 +237,17 @@ def run_row(goal: SecondaryGoal, strategy: Strategy, flown: Flown) -> dict[str, 
         "limit": goal.limit,
         "keeps_below": goal.keeps_below,
         "kept": worst < goal.limit if goal.keeps_below else worst > goal.limit,
-        "closure_residual_max_m": flown.closure_residual_max_m,
+        "closure_residual_max_m": run.closure_residual_max_m,
     }
 
 
 def angle_rows(
-    goal: SecondaryGoal, strategy: Strategy, flown: Flown, reference: Flown
+    goal: SecondaryGoal, strategy: Strategy, run: GoalRun, reference: GoalRun
 ) -> pd.DataFrame:
-    """Pointing errors of a run, and how they differ from those of the reference, by angle."""
-    judged = flown.time_s >= (0.0 if goal.on_arm else JUDGED_FROM_S)
-    error_urad, expected_urad = (1e6 * one.error_rad[judged] for one in (flown, reference))
-    difference_urad = 1e6 * (flown.error_rad - reference.error_rad)
+    """Return the pointing errors of a run and their change from the reference, a row per angle."""
+    evaluated = run.time_s >= (0.0 if goal.on_arm else EVALUATED_FROM_S)
+    error_urad, expected_urad = (1e6 * one.error_rad[evaluated] for one in (run, reference))
+    difference_urad = 1e6 * (run.error_rad - reference.error_rad)
     peak_urad, expected_peak_urad = (np.abs(e).max(axis=0) for e in (error_urad, expected_urad))
     columns = {
         "rms_urad": rms(error_urad),
@@ -262,7 +262,10 @@ def angle_rows(
 
 
 def another_seed(angles: pd.DataFrame) -> pd.DataFrame:
-    """Largest changes by the noise seed alone: between any two, tick by tick from the first."""
+    """Return the largest changes by the noise seed alone, by goal.
+
+    RMS and peak differ between any two seeds, the error at each tick from that with the first seed.
+    """
     seeds = angles[angles.name.str.startswith(REFERENCE)]
     by_angle = seeds.groupby(["goal", "angle"], sort=False)[["rms_urad", "peak_urad"]]
     between = (by_angle.max() - by_angle.min()).groupby("goal", sort=False).max()
@@ -272,40 +275,42 @@ def another_seed(angles: pd.DataFrame) -> pd.DataFrame:
 
 
 def larger(angles: pd.DataFrame) -> pd.DataFrame:
-    """The larger size of both angles, by goal and run."""
+    """Return the larger magnitude of both angles, by goal and run."""
     sizes = angles.set_index(["goal", "name"]).drop(columns="angle").abs()
     return sizes.groupby(["goal", "name"], sort=False).max()
 
 
 def over_another_seed(angles: pd.DataFrame, another_seed: pd.DataFrame) -> pd.DataFrame:
-    """Changes of each run over those that another seed makes, by goal and run."""
+    """Return the changes of each run divided by those of another seed, by goal and run."""
     return larger(angles)[list(CHANGES)].div(another_seed.set_index("goal"), level="goal")
 
 
 def checks(runs: pd.DataFrame, angles: pd.DataFrame, another_seed: pd.DataFrame) -> list[Check]:
-    """Limits kept with the goal and violated without; pointing changes below the noise."""
-    flown = runs.set_index(["goal", "name"])
-    beyond = (flown.worst - flown.limit).where(flown.keeps_below, flown.limit - flown.worst)
+    """Check that only the goal keeps the limit, and that pointing changes less than by noise."""
+    by_run = runs.set_index(["goal", "name"])
+    beyond = (by_run.worst - by_run.limit).where(by_run.keeps_below, by_run.limit - by_run.worst)
     pursued, nothing = (
         beyond.xs(name, level="name", drop_level=False) for name in ("pursued", "nothing")
     )
     changes = over_another_seed(angles, another_seed).xs("pursued", level="name", drop_level=False)
-    kept = "distance of the secondary measure from its limit, which must be violated,"
-    found = [
-        *check("closure residual [m]", flown.closure_residual_max_m, CLOSURE_LIMIT_M),
+    violation = "distance of the secondary measure from its limit, which must be violated,"
+    result = [
+        *check("closure residual [m]", by_run.closure_residual_max_m, CLOSURE_LIMIT_M),
         *check("secondary measure beyond its limit", pursued, 0.0),
-        *check(kept, -nothing, 0.0),
+        *check(violation, -nothing, 0.0),
     ]
     for key, what in CHANGES.items():
-        found += check(f"{what}, over that by another seed,", changes[key], 1.0)
-    return found
+        result += check(f"{what}, over that by another seed,", changes[key], 1.0)
+    return result
 
 
-def shown(runs: pd.DataFrame, angles: pd.DataFrame, another_seed: pd.DataFrame) -> list[TableView]:
-    """The printed table: a row for each run, and one for what another seed changes."""
-    flown = runs[~runs.name.str.startswith(f"{REFERENCE}_seed")]
-    flown = flown.join(larger(angles), on=["goal", "name"])
-    rows = pd.concat([flown, another_seed.assign(name="other seed")])
+def printed_tables(
+    runs: pd.DataFrame, angles: pd.DataFrame, another_seed: pd.DataFrame
+) -> list[TableView]:
+    """Return the printed table: a row for each run, and one for the change by another seed."""
+    plotted = runs[~runs.name.str.startswith(f"{REFERENCE}_seed")]
+    plotted = plotted.join(larger(angles), on=["goal", "name"])
+    rows = pd.concat([plotted, another_seed.assign(name="other seed")])
     order = list(another_seed.goal)
     rows = rows.sort_values("goal", kind="stable", key=lambda names: names.map(order.index))
     return [
@@ -320,28 +325,28 @@ def shown(runs: pd.DataFrame, angles: pd.DataFrame, another_seed: pd.DataFrame) 
     ]
 
 
-def arrays(goal: SecondaryGoal, flown: Mapping[str, Flown]) -> dict[str, Array]:
-    """Arrays of all strategies, their names in front; of the other seeds the errors alone."""
-    found = {"time_s": flown[REFERENCE].time_s}
-    for name, one in flown.items():
-        kept = {"error_rad": one.error_rad}
+def arrays(goal: SecondaryGoal, runs: Mapping[str, GoalRun]) -> dict[str, Array]:
+    """Return the arrays of all runs, prefixed with their names; of other seeds only the error."""
+    arrays_by_name = {"time_s": runs[REFERENCE].time_s}
+    for name, run in runs.items():
+        run_arrays = {"error_rad": run.error_rad}
         if not name.startswith(f"{REFERENCE}_seed"):
-            kept |= {goal.measure: one.measure} | one.arrays
-        found |= {f"{name}_{key}": value for key, value in kept.items()}
-    return found
+            run_arrays |= {goal.measure: run.measure} | run.arrays
+        arrays_by_name |= {f"{name}_{key}": value for key, value in run_arrays.items()}
+    return arrays_by_name
 
 
 def record(
     goal: SecondaryGoal,
-    flown: Mapping[str, Flown],
+    goal_runs: Mapping[str, GoalRun],
     settings: Mapping[str, Any],
     folder: Path,
     **tables: pd.DataFrame,
 ) -> None:
-    """Write the recording: the goal pursued, and nothing done, side by side."""
+    """Write the recording: the goal pursued and not pursued, side by side."""
     bench = {} if goal.on_arm else settings["bench"]
     sha256 = settings["model_sha256"]["arm" if goal.on_arm else "fjh"]
-    measure, side = goal.says.replace("$", ""), "below" if goal.keeps_below else "above"
+    measure, side = goal.label.replace("$", ""), "below" if goal.keeps_below else "above"
     about = About(
         study="goals",
         identity=f"goals-{goal.name}-seed{settings['seed']}",
@@ -354,12 +359,15 @@ def record(
         checks=checks(**tables),
         summary=goal.title,
     )
-    file, pair = folder / f"{goal.name}.rrd", {key: flown[key] for key in ("pursued", "nothing")}
+    file, pair = (
+        folder / f"{goal.name}.rrd",
+        {key: goal_runs[key] for key in ("pursued", "nothing")},
+    )
     if goal.on_arm:
         model = load_model(ARM_MJCF)
         scenes = {
-            key: condition_scene(model, one.time_s, one.arrays["joint_rad"], _plots(goal, one))
-            for key, one in pair.items()
+            key: condition_scene(model, run.time_s, run.arrays["joint_rad"], _plots(goal, run))
+            for key, run in pair.items()
         }
         results = {"study": "goals", "robot": "arm", "failures": "none", "verdict": about.summary}
         results["checks"] = checked(about.checks)
@@ -377,21 +385,21 @@ def record(
     views = {
         key: RunView(
             stated,
-            as_run_arrays({"time_s": one.time_s, **one.arrays}),
+            as_run_arrays({"time_s": run.time_s, **run.arrays}),
             model,
-            extras=_plots(goal, one)[1:],  # a run shows its pointing error anyway
+            extras=_plots(goal, run)[1:],  # the view has the pointing error already
         )
-        for key, one in pair.items()
+        for key, run in pair.items()
     }
     write_views(file, about, views)
 
 
-def _plots(goal: SecondaryGoal, flown: Flown) -> list[Plot]:
+def _plots(goal: SecondaryGoal, run: GoalRun) -> list[Plot]:
     error, angles = "Pointing error, desired - true [urad]", [f"{a} [urad]" for a in goal.angles]
-    columns = [("measure", goal.says.replace("$", ""), flown.measure[:, None])]
-    columns += [(key, key, flown.arrays[key]) for key in DETAILS if key in flown.arrays]
-    return [Plot("error", error, angles, flown.time_s, 1e6 * flown.error_rad)] + [
-        Plot(key, title, [f"{key} {k + 1}" for k in range(values.shape[1])], flown.time_s, values)
+    columns = [("measure", goal.label.replace("$", ""), run.measure[:, None])]
+    columns += [(key, key, run.arrays[key]) for key in DETAILS if key in run.arrays]
+    return [Plot("error", error, angles, run.time_s, 1e6 * run.error_rad)] + [
+        Plot(key, title, [f"{key} {k + 1}" for k in range(values.shape[1])], run.time_s, values)
         for key, title, values in columns
     ]
 
@@ -403,57 +411,57 @@ CAPTION = (
 )
 ALT = (
     "Four panels: coil temperature, stroke left, clearance and condition number cross their limits "
-    "when the goal is not pursued, and keep clear of them when it is. Below, marks of the pursued "
-    "goals left of the line of another noise seed, those not pursued and those of pseudo-inverses "
-    "with small weights far to the right."
+    "if the goal is not pursued, and stay within them if it is. Below, marks of the pursued goals "
+    "left of the line of another noise seed, those not pursued and those of pseudo-inverses with "
+    "small weights far to the right."
 )
-WAYS: dict[str, dict[str, Any]] = {
+STYLES: dict[str, dict[str, Any]] = {
     "nothing": {"color": VERMILION, "marker": "o", "label": "goal not pursued"},
     "pursued": {"color": BLUE, "marker": "o", "label": "goal pursued through the mapping"},
 }
 
 
 def figure(
-    flown: Mapping[str, Mapping[str, Flown]],
+    goal_runs: Mapping[str, Mapping[str, GoalRun]],
     runs: pd.DataFrame,
     angles: pd.DataFrame,
     another_seed: pd.DataFrame,
 ) -> Figure:
-    """The measure of each goal over time, and below how far the pointing changed."""
+    """Plot the measure of each goal over time, and below the change of the pointing."""
     figure = new_figure(PAGE_IN, 6.0)
     panels = figure.subplot_mosaic([[0, 1], [2, 3], [4, 4]], height_ratios=[1, 1, 1.1])
     for k, goal in enumerate(GOALS):
-        _measure(panels[k], goal, flown[goal.name])
+        _measure(panels[k], goal, goal_runs[goal.name])
     changes = over_another_seed(angles, another_seed).difference_rms_urad.unstack("name")
     _changes(panels[4], changes.loc[[goal.name for goal in GOALS]], runs)
     one_legend(figure, 3)
     return figure
 
 
-def _measure(axes: Axes, goal: SecondaryGoal, flown: Mapping[str, Flown]) -> None:
-    worst, unit = {}, goal.says.partition(",")[2]
-    for name, style in WAYS.items():
-        measure = flown[name].measure
+def _measure(axes: Axes, goal: SecondaryGoal, runs: Mapping[str, GoalRun]) -> None:
+    worst, unit = {}, goal.label.partition(",")[2]
+    for name, style in STYLES.items():
+        measure = runs[name].measure
         place = greatest(measure if goal.keeps_below else -measure)
-        axes.plot(flown[name].time_s, measure, markevery=[place], **style)
+        axes.plot(runs[name].time_s, measure, markevery=[place], **style)
         worst[name] = round(float(measure[place]), 1) + 0.0
     axes.axhline(goal.limit, color=BLACK, ls="-.", label="limit")
     axes.set_title(
         f"{goal.title}:\n{worst['pursued']:g}{unit} when pursued, {worst['nothing']:g} when not"
     )
-    axes.set(xlabel="time, s", ylabel=goal.says)
+    axes.set(xlabel="time, s", ylabel=goal.label)
     if not unit:
         logarithmic(axes, "y")
 
 
 def _changes(axes: Axes, changes: pd.DataFrame, runs: pd.DataFrame) -> None:
-    """How far each way to treat a goal changes the pointing, over what another seed changes."""
+    """Plot the change of the pointing by each strategy, divided by that by another seed."""
     weights = runs[runs.major_weight > 0].drop_duplicates("name").set_index("name").major_weight
-    rows, said = range(len(changes)), ", ".join(f"{weight:g}" for weight in weights)
+    rows, text = range(len(changes)), ", ".join(f"{weight:g}" for weight in weights)
     for row, compromised in enumerate(changes[weights.index].to_numpy()):
-        label = f"pseudo-inverse, weight {said} (from right)"
+        label = f"pseudo-inverse, weight {text} (from right)"
         axes.plot(compromised, [row] * len(weights), "D--", color=PURPLE, label=label)
-    for name, style in WAYS.items():
+    for name, style in STYLES.items():
         for row, change in zip(rows, changes[name], strict=True):
             if change > 0:
                 axes.plot(change, row, **style)

@@ -1,4 +1,4 @@
-"""The study `jacobian`: how far the Jacobian varies over the stroke, eq. (40); docs/jacobian.md."""
+"""Study `jacobian`: variation of the Jacobian over the stroke, eq. (40); docs/jacobian.md."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -39,8 +39,8 @@ from sim import Array, Pose, jacobians, load_model
 
 CERTIFICATE_LIMIT = 1.02  # largest ratio of the certified bound to the value found
 SAME_JACOBIAN = 1e-9  # largest difference of eq. (39) from geometry and from the MJCF
-GEOMETRY_TOLERANCE = 0.15  # of the constant Jacobian's error against that of geometry and floor
-RANDOM_POINTS = 1000  # as many as the paper's fmincon had starts
+GEOMETRY_TOLERANCE = 0.15  # of the constant Jacobian's deviation against that of geometry and floor
+RANDOM_POINTS = 1000  # as many as the starts of fmincon in the paper
 
 VARIANTS: dict[str, tuple[JacobianChoice, DisplacementForm]] = {
     "constant": ("constant", "absolute"),
@@ -48,50 +48,50 @@ VARIANTS: dict[str, tuple[JacobianChoice, DisplacementForm]] = {
     "incremental": ("analytic", "incremental"),
     "relinearized": ("analytic", "gauss_newton"),
 }
-"""The constant Jacobian, and three ways to use the one at the present pose."""
+"""Jacobian and form of displacements of each variant of the mapping, by name."""
 
-# How many times the stroke, how many times the spiral. A longer stroke than 100 times would not
-# leave the struts' triangle whole; the spiral has room to grow.
-GROWTHS = ((1, 1), (3, 3), (10, 10), (30, 30), (100, 100), (100, 300), (100, 1000))
-RECORDED = ((1, 1), (100, 100), (100, 1000))  # those whose runs are kept whole
-# The column that grows: strut 1 locked, t_x and t_y to be small. Curvature costs it the most.
-GROWN, AT_NOMINAL = "W_e", ("W_a", "W_d", "W_e")
+# Factors of the stroke and of the spiral. The triangles of struts cannot close beyond 100 times the
+# stroke; the spiral may be larger.
+SCALES = ((1, 1), (3, 3), (10, 10), (30, 30), (100, 100), (100, 300), (100, 1000))
+RECORDED = ((1, 1), (100, 100), (100, 1000))  # sizes with data and recording
+# The column simulated at all sizes: strut 1 locked, t_x and t_y small. Curvature affects it most.
+SCALED_COLUMN, AT_NOMINAL = "W_e", ("W_a", "W_d", "W_e")
 BY_NAME = {column.name: column for column in COLUMNS}
-STRIDE_S = 0.16  # between the instants at which a run is compared with the optimum, a dozen a turn
-VISITED_STRIDE_S = 0.008  # between those whose strut lengths count as visited
-MOVED = (
+STRIDE_S = 0.16  # between samples compared with the optimum, a dozen a turn
+VISITED_STRIDE_S = 0.008  # between samples of the strut lengths that a run visits
+MOTIONS = (
     *("alpha_rms_urad", "beta_rms_urad"),
     *("gamma_rms_urad", "t_x_rms_um", "t_y_rms_um", "t_z_rms_um"),
 )
 COSTS = ("static_extra_percent", "loop_gain_error_percent")  # errors by a constant Jacobian
-COSTS_PERCENT = (1.0, 10.0)  # their values whose size of spiral is interpolated
+COSTS_PERCENT = (1.0, 10.0)  # values for which the size of the spiral is interpolated
 
 
-# Readings of eq. (38): what the rates of [alpha, beta, gamma, t_x, t_y, t_z] are taken to be.
+# Readings of eq. (38): interpretations of the rates of [alpha, beta, gamma, t_x, t_y, t_z].
 
 Reading = Callable[[Pose, Array], Array]
-"""From poses (...) and base-axes twists J (..., 6, 6) to the matrices that are compared."""
+"""Function from poses (...) and base-axes twists J (..., 6, 6) to the matrices compared."""
 
 VERTICES = np.array(list(product((1.0, -1.0), repeat=6)))
-"""Of the box of strut lengths, in strokes."""
+"""Vertices of the box of strut lengths, in strokes."""
 
 
 def twist_in_base_axes(_pose: Pose, J: Array) -> Array:
-    """J as it is: the twist [omega; v] of the payload origin per strut rate."""
+    """Return J unchanged: the twist [omega; v] of the payload origin per strut rate."""
     return J
 
 
 def twist_in_payload_axes(pose: Pose, J: Array) -> Array:
-    """[omega; v] of the payload origin along the payload's own axes."""
+    """Return [omega; v] of the payload origin in payload axes, per strut rate."""
     to_payload = pose.rotation.swapaxes(-1, -2)
     return np.concatenate([to_payload @ J[..., :3, :], to_payload @ J[..., 3:, :]], axis=-2)
 
 
 def euler_rates(last: int) -> Reading:
-    """Rates of three angles about x, y and z, one rotation after the other; v in base axes.
+    """Return the reading as rates of three successive angles about x, y and z; v in base axes.
 
-    The last axis, 2 for R = R_x R_y R_z and 0 for R = R_z R_y R_x, turns with the payload; the
-    first of x and z does not, and that of y is perpendicular to both.
+    The axis `last`, 2 for R = R_x R_y R_z and 0 for R = R_z R_y R_x, turns with the payload; the
+    first one is fixed, and the axis of y is perpendicular to both.
     """
 
     def reading(pose: Pose, J: Array) -> Array:
@@ -105,17 +105,17 @@ def euler_rates(last: int) -> Reading:
 
 
 def inverse(_pose: Pose, J: Array) -> Array:
-    """Strut rates per twist."""
+    """Return the inverse of J: strut rates per twist."""
     return np.linalg.inv(J)
 
 
 def in_millimetres(_pose: Pose, J: Array) -> Array:
-    """Turns in rad/mm, displacements in mm/mm."""
+    """Return J with rotations in rad/mm and displacements in mm/mm."""
     return J * np.array([1e-3] * 3 + [1.0] * 3)[:, None]
 
 
 def at_height(height_m: float) -> Reading:
-    """The twist of the point of the payload that lies this far along z_b from its origin."""
+    """Return the reading as twist of the payload's point at this height along z_b."""
 
     def reading(pose: Pose, J: Array) -> Array:
         arm = height_m * pose.rotation[..., :, 2]
@@ -132,14 +132,14 @@ READINGS: dict[str, Reading] = {
     "Euler rates, R = Rz Ry Rx": euler_rates(last=0),
     "Euler rates, R = Rx Ry Rz": euler_rates(last=2),
 }
-"""Readings of (38) itself."""
+"""Readings of eq. (38), by name."""
 
 
-# Eq. (40): how far the Jacobian gets from the nominal one.
+# Eq. (40): largest distance of the Jacobian from the nominal one.
 
 
 def jacobian_at(geometry: Hexapod, displacements_m: Array, reading: Reading) -> Array:
-    """J at strut displacements (..., 6), as the reading takes it."""
+    """Return J at strut displacements (..., 6), in a reading."""
     pose = forward_kinematics(geometry, displacements_m)
     return reading(pose, np.linalg.inv(geometry.inverse_jacobian(pose)))
 
@@ -147,14 +147,14 @@ def jacobian_at(geometry: Hexapod, displacements_m: Array, reading: Reading) -> 
 def relative_change(
     geometry: Hexapod, displacements_m: Array, norm: Norm, reading: Reading = twist_in_base_axes
 ) -> Array:
-    """||J - J_0|| / ||J_0|| at strut displacements (..., 6), shape (...)."""
+    """Return ||J - J_0|| / ||J_0|| at strut displacements (..., 6), shape (...)."""
     J_0 = jacobian_at(geometry, np.zeros(6), reading)
     change = jacobian_at(geometry, displacements_m, reading) - J_0
     return size(change, norm) / size(J_0, norm)
 
 
 class Variation(NamedTuple):
-    """Eq. (40): the largest ||J - J_0|| / ||J_0|| found, and strut displacements (6,) there."""
+    """Value of eq. (40): the largest ||J - J_0|| / ||J_0||, and its strut displacements (6,)."""
 
     value: float
     at_strut_m: Array
@@ -167,18 +167,18 @@ def variation(
     reading: Reading = twist_in_base_axes,
     seed: int = 0,
 ) -> Variation:
-    """Eq. (40) over all strut displacements of at most the stroke, by global search.
+    """Compute eq. (40) over all strut displacements of at most the stroke, by global search.
 
     Differential evolution (Storn and Price 1997) from the 64 vertices: J is nearly linear in the
-    strut lengths and a norm is convex, so that the largest change is at a vertex or close to one.
-    It ends with a local search from the best.
+    strut lengths and a norm is convex, so that the largest change is at or near a vertex. A local
+    search from the best point follows.
     """
 
-    def found(struts: Array) -> Array:
+    def objective(struts: Array) -> Array:
         return -relative_change(geometry, stroke_m * struts.T, norm, reading)
 
     best = differential_evolution(
-        found,
+        objective,
         bounds=[(-1.0, 1.0)] * 6,
         init=VERTICES,
         maxiter=60,
@@ -186,22 +186,22 @@ def variation(
         updating="deferred",
         rng=seed,
     )
-    # By the symmetry of the machine several vertices are equally far: of these the first.
-    at_vertices = -found(VERTICES.T)
+    # By symmetry several vertices have the same value: take the first.
+    at_vertices = -objective(VERTICES.T)
     first = greatest(at_vertices)
     if not exceeds(-best.fun, at_vertices[first]):
         return Variation(float(at_vertices[first]), stroke_m * VERTICES[first])
     return Variation(-float(best.fun), stroke_m * best.x)
 
 
-def elsewhere(
+def alternative_values(
     geometry: Hexapod, stroke_m: float, norm: Norm, reading: Reading, starts: int, seed: int
 ) -> dict[str, float]:
-    """What e could be other than the supremum over the box: at random points, of a search.
+    """Compute alternatives to the supremum of e over the box, among them local searches.
 
-    The local searches are what fmincon did: sequential quadratic programming with differenced
-    gradients, SLSQP (Kraft 1988), on lengths in metres, with its own default tolerances; they
-    start at the first of the random points.
+    The local searches resemble fmincon: sequential quadratic programming with finite-difference
+    gradients, SLSQP (Kraft 1988), on lengths in metres with default tolerances, started at the
+    first of the random points.
     """
     points_m = np.random.default_rng(seed).uniform(-stroke_m, stroke_m, (RANDOM_POINTS, 6))
     e = partial(relative_change, geometry, norm=norm, reading=reading)
@@ -210,7 +210,7 @@ def elsewhere(
     nominal = jacobian_at(geometry, np.zeros(6), reading)
     # Each entry is nearly linear in the strut lengths: its change is largest at a corner.
     entry = np.abs(jacobian_at(geometry, stroke_m * VERTICES, reading) - nominal).max()
-    # On the ball strut displacements are as long as the stroke; e is scaled, for the tolerances.
+    # On the ball |l| = stroke; e is scaled for the tolerances.
     ball = [
         minimize(lambda x: -float(e(stroke_m * x / np.linalg.norm(x))) / most, x / stroke_m).fun
         for x in points_m[:starts][:8]
@@ -232,13 +232,13 @@ def elsewhere(
     }
 
 
-def tried_rows(
+def reading_rows(
     geometry: Hexapod, stroke_m: float, starts: int, seed: int, on_progress: OnProgress
 ) -> pd.DataFrame:
-    """A row for each reading of eq. (40): e in both norms, where, and whether it is the paper's.
+    """Return a row for each reading of eq. (40): e in both norms, and whether it is the paper's.
 
-    Between the fractions of the stroke a reading would give the paper's pair, rounding allowed for:
-    e grows in proportion to the stroke, to 1 % here.
+    For a fraction of the stroke between `low_fraction` and `high_fraction` a reading gives the
+    paper's rounded values: e is proportional to the stroke, here to 1 %.
     """
     top_m, rows = float(geometry.top_m[:, 2].mean()), []
     readings = READINGS | {
@@ -250,19 +250,21 @@ def tried_rows(
     }
     for done, (name, reading) in enumerate(readings.items()):
         on_progress(done, len(readings) + 2)
-        found = {n: variation(geometry, stroke_m, n, reading, seed) for n in NORMS}
-        at_m = {f"{n}_at_strut_m": one.at_strut_m.tolist() for n, one in found.items()}
-        rows.append({"reading": name} | {n: one.value for n, one in found.items()} | at_m)
+        variations = {n: variation(geometry, stroke_m, n, reading, seed) for n in NORMS}
+        at_m = {f"{n}_at_strut_m": one.at_strut_m.tolist() for n, one in variations.items()}
+        rows.append({"reading": name} | {n: one.value for n, one in variations.items()} | at_m)
     frames = [pd.DataFrame(rows)]
     for done, (what, reading) in enumerate((("twist", twist_in_base_axes), ("inverse", inverse))):
         on_progress(len(readings) + done, len(readings) + 2)
-        by_norm = {n: elsewhere(geometry, stroke_m, n, reading, starts, seed) for n in NORMS}
-        named = pd.DataFrame(by_norm).add_prefix(f"{what}; ", axis=0)
-        frames.append(named.reset_index(names="reading"))
-    tried, half = pd.concat(frames, ignore_index=True), paper.JACOBIAN_VARIATION_TOLERANCE
-    e, printed = tried[list(NORMS)], pd.Series(paper.JACOBIAN_VARIATION)
+        by_norm = {
+            n: alternative_values(geometry, stroke_m, n, reading, starts, seed) for n in NORMS
+        }
+        alternatives = pd.DataFrame(by_norm).add_prefix(f"{what}; ", axis=0)
+        frames.append(alternatives.reset_index(names="reading"))
+    table, half = pd.concat(frames, ignore_index=True), paper.JACOBIAN_VARIATION_TOLERANCE
+    e, printed = table[list(NORMS)], pd.Series(paper.JACOBIAN_VARIATION)
     low, high = ((printed - half) / e).max(axis=1), ((printed + half) / e).min(axis=1)
-    return tried.assign(
+    return table.assign(
         is_the_papers=((e - printed).abs() < half).all(axis=1),
         low_fraction=low.where(low < high),
         high_fraction=high.where(low < high),
@@ -270,28 +272,28 @@ def tried_rows(
 
 
 def certified_row(
-    geometry: Hexapod, stroke_m: float, norm: Norm, found: pd.Series
+    geometry: Hexapod, stroke_m: float, norm: Norm, values: pd.Series
 ) -> dict[str, Any]:
-    """Eq. (40) in one norm: the value found, its certified bound and the parts of that."""
+    """Return a row for eq. (40) in one norm: the value, its certified bound, the terms."""
     proof = certify(geometry, stroke_m, norm)
     parts = [*proof.terms, proof.remainder, proof.upper_bound]
     over = np.array(parts) / size(jacobian_at(geometry, np.zeros(6), twist_in_base_axes), norm)
     names = ["linear", "quadratic", "cubic", "remainder", "certified_upper_bound"]
     return {
         "norm": norm,
-        "value": found[norm],
+        "value": values[norm],
         "paper": paper.JACOBIAN_VARIATION[norm],
         **dict(zip(names, over, strict=True)),
-        "at_strut_m": found[f"{norm}_at_strut_m"],
+        "at_strut_m": values[f"{norm}_at_strut_m"],
     }
 
 
-# In closed loop, as spiral and stroke grow.
+# In closed loop, for larger spirals and strokes.
 
 
 @dataclass(frozen=True)
 class Case:
-    """One run to be simulated: a column of Table I, a key of VARIANTS, the noise seed, its size."""
+    """Parameters of a run: a column of Table I, a key of VARIANTS, the noise seed, its size."""
 
     column: str
     variant: str
@@ -301,34 +303,34 @@ class Case:
 
     @property
     def name(self) -> str:
-        """What its files are called."""
+        """Name of its files, without suffix."""
         return f"{self.column}_x{self.spiral_factor:g}_{self.variant}_seed{self.seed}"
 
     @property
     def is_recorded(self) -> bool:
-        """Whether its data and recording are kept."""
-        return self.column == GROWN and (self.stroke_factor, self.spiral_factor) in RECORDED
+        """Flag of runs whose data and recording are written."""
+        return self.column == SCALED_COLUMN and (self.stroke_factor, self.spiral_factor) in RECORDED
 
     @property
     def testbed(self) -> Testbed:
-        """Stroke and spiral grown."""
+        """Testbed with scaled stroke and spiral."""
         return nominal_testbed().scaled(stroke=self.stroke_factor, spiral=self.spiral_factor)
 
 
 def cases(seed: int, quick: bool) -> list[Case]:
-    """Every variant: at nominal size for three columns, and another seed; grown for one column."""
-    columns = (GROWN,) if quick else AT_NOMINAL
-    chosen = [Case(c, v, seed) for c in columns for v in VARIANTS]
-    chosen += [Case(c, "analytic", seed + 1) for c in columns]
-    growths = GROWTHS[3::3] if quick else GROWTHS[1:]
-    return chosen + [Case(GROWN, v, seed, *growth) for growth in growths for v in VARIANTS]
+    """Return all runs: each variant at nominal size for three columns, and scaled for one."""
+    columns = (SCALED_COLUMN,) if quick else AT_NOMINAL
+    selected = [Case(c, v, seed) for c in columns for v in VARIANTS]
+    selected += [Case(c, "analytic", seed + 1) for c in columns]
+    scales = SCALES[3::3] if quick else SCALES[1:]
+    return selected + [Case(SCALED_COLUMN, v, seed, *scale) for scale in scales for v in VARIANTS]
 
 
-def fly(duration_s: float, case: Case) -> tuple[Case, Run, dict[str, Any]]:
-    """One run, and what its Jacobian cost.
+def simulate(duration_s: float, case: Case) -> tuple[Case, Run, dict[str, Any]]:
+    """Simulate a run; return the case, the run, and its row with the deviation from the optimum.
 
     Raises:
-        sim.SimulationDiverged: The physics left the finite numbers.
+        sim.SimulationDiverged: The state is not finite.
     """
     column, (jacobian, form) = BY_NAME[case.column], VARIANTS[case.variant]
     testbed, goal = case.testbed, column.goal
@@ -336,18 +338,18 @@ def fly(duration_s: float, case: Case) -> tuple[Case, Run, dict[str, Any]]:
     path = testbed.bench.spiral_rad(duration_s)
     run = rig.fly(rig.controller(), path, failures=column.failures, seed=case.seed)
     geometry, period_s = hexapod(load_model()), testbed.bench.control_period_s
-    few = slice(None, None, round(STRIDE_S / period_s))
+    stride = slice(None, None, round(STRIDE_S / period_s))
     visited_m = run.displacement[:: round(VISITED_STRIDE_S / period_s)]
-    seen = Visited(run.displacement[few], run.true[few], secondary(run)[few])
-    static = follow(StrutMapping(geometry, goal, jacobian, form=form), path[few])
+    visited = Visited(run.displacement[stride], run.true[stride], secondary(run)[stride])
+    static = follow(StrutMapping(geometry, goal, jacobian, form=form), path[stride])
     constant = StrutMapping(geometry, goal, "constant")
     moved = 1e6 * np.concatenate([run.rms(), rms(secondary(run))])
     row = {
         "name": case.name,
         **asdict(case),
-        **dict(zip(MOVED, moved, strict=True)),
+        **dict(zip(MOTIONS, moved, strict=True)),
         "strut_input_rms_percent": rms(run.inputs).tolist(),
-        "extra_percent": extra_percent(geometry, goal, seen),
+        "extra_percent": extra_percent(geometry, goal, visited),
         "static_extra_percent": extra_percent(geometry, goal, static),
         "loop_gain_error_percent": 100 * loop_gain_error(constant, visited_m),
         **{f"e_visited_{n}": relative_change(geometry, visited_m, n).max() for n in NORMS},
@@ -358,8 +360,8 @@ def fly(duration_s: float, case: Case) -> tuple[Case, Run, dict[str, Any]]:
     return case, run, row
 
 
-def compared(run: Run, analytic: Run, relinearized: Run) -> dict[str, Any]:
-    """How a run differs from two others of its size: in RMS, tick by tick, and by drifting."""
+def comparison(run: Run, analytic: Run, relinearized: Run) -> dict[str, Any]:
+    """Compare a run with two others of its size: RMS errors, differences by tick, and drift."""
     rms_urad, base_urad = 1e6 * run.rms(), 1e6 * analytic.rms()
     costs, moved = rms_urad / base_urad - 1, 1e6 * rms(secondary(run) - secondary(analytic))
     drift = (secondary(run) - secondary(relinearized))[:, 0]
@@ -375,36 +377,38 @@ def compared(run: Run, analytic: Run, relinearized: Run) -> dict[str, Any]:
 
 
 def run_rows(done: Sequence[tuple[Case, Run, dict[str, Any]]], seed: int) -> pd.DataFrame:
-    """A row for each run, beside those of its size with this seed; and eq. (40) over its stroke."""
-    flown, rows, geometry = {case: run for case, run, _ in done}, [], hexapod(load_model())
+    """Return a row for each run, with its comparison to others of its size, and eq. (40)."""
+    by_case, rows, geometry = {case: run for case, run, _ in done}, [], hexapod(load_model())
     for case, run, row in done:
         analytic, relinearized = (
-            flown[replace(case, variant=each, seed=seed)] for each in ("analytic", "relinearized")
+            by_case[replace(case, variant=name, seed=seed)] for name in ("analytic", "relinearized")
         )
-        rows.append(row | compared(run, analytic, relinearized))
+        rows.append(row | comparison(run, analytic, relinearized))
     runs = pd.DataFrame(rows)
     for n in NORMS:
         strokes = runs.stroke_factor.unique()
-        e = {each: variation(geometry, each * paper.STROKE_M, n).value for each in strokes}
+        e = {k: variation(geometry, k * paper.STROKE_M, n).value for k in strokes}
         runs[f"e_box_{n}"] = runs.stroke_factor.map(e)
     return runs
 
 
-def growth_of(runs: pd.DataFrame) -> pd.DataFrame:
-    """Runs of the column that grows, by size of the spiral; in columns by number and variant."""
-    grown = runs[(runs.column == GROWN) & (runs.seed == runs.seed.iloc[0])]
-    return grown.set_index(["spiral_factor", "variant"]).unstack()
+def scaled_runs(runs: pd.DataFrame) -> pd.DataFrame:
+    """Return the runs of the scaled column by size of the spiral, in columns by variant."""
+    scaled = runs[(runs.column == SCALED_COLUMN) & (runs.seed == runs.seed.iloc[0])]
+    return scaled.set_index(["spiral_factor", "variant"]).unstack()
 
 
 def cost_rows(runs: pd.DataFrame) -> pd.DataFrame:
-    """Where the constant Jacobian begins to cost 1 % and 10 %, between the sizes that were run."""
+    """Return the sizes at which the constant Jacobian costs 1 % and 10 %, interpolated."""
     sizes = ["spiral_factor", "e_visited_frobenius"]
-    constant = growth_of(runs).xs("constant", axis=1, level="variant").reset_index()
+    constant = scaled_runs(runs).xs("constant", axis=1, level="variant").reset_index()
     log, rows = np.log(constant[[*sizes, *COSTS]].astype(float)), []
     for what, percent in product(COSTS, COSTS_PERCENT):
-        there = [np.interp(np.log(percent), log[what], log[k], np.nan, np.nan) for k in sizes]
-        found = dict(zip(sizes, np.exp(there), strict=True))
-        rows.append({"cost": what, "percent": percent} | found)
+        interpolated = [
+            np.interp(np.log(percent), log[what], log[k], np.nan, np.nan) for k in sizes
+        ]
+        sizes_there = dict(zip(sizes, np.exp(interpolated), strict=True))
+        rows.append({"cost": what, "percent": percent} | sizes_there)
     return pd.DataFrame(rows).dropna(ignore_index=True)
 
 
@@ -416,7 +420,7 @@ def record(
     checks: list[Check],
     folder: Path,
 ) -> None:
-    """Write one run's data and its recording."""
+    """Write the data and the recording of a run."""
     (jacobian, form), testbed = VARIANTS[case.variant], case.testbed
     bench = asdict(testbed.bench) | plant_constants(testbed.model)
     about = About(
@@ -454,7 +458,7 @@ def jacobian(
 ) -> Result:
     """Compute how much the Jacobian varies over the stroke, eq. (40), with a proof.
 
-    Finds the largest change of the Jacobian over the stroke and proves an upper bound, tries
+    Computes the largest change of the Jacobian over the stroke and proves an upper bound, tests
     readings of eq. (40) that could give the paper's smaller numbers, and with --loop simulates the
     error that a constant Jacobian causes for larger spirals and strokes. 20 s on two cores,
     5 minutes with --loop.
@@ -466,9 +470,9 @@ def jacobian(
     """
     model, stroke_m, starts = load_model(), paper.STROKE_M, 4 if quick else 100
     geometry = hexapod(model)
-    tried = tried_rows(geometry, stroke_m, starts, seed, on_progress)
-    found = tried.set_index("reading").loc[TWIST]
-    proven = pd.DataFrame([certified_row(geometry, stroke_m, n, found) for n in NORMS])
+    alternatives = reading_rows(geometry, stroke_m, starts, seed, on_progress)
+    direct = alternatives.set_index("reading").loc[TWIST]
+    proven = pd.DataFrame([certified_row(geometry, stroke_m, n, direct) for n in NORMS])
     on_progress(1, 1)
     jac = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
     from_mjcf = ConstrainedSystem(jac.J_T, jac.J_C, jac.active).kinematics().J
@@ -483,61 +487,61 @@ def jacobian(
         "condition_number": np.linalg.cond(J_0),
         "paper_condition_number": paper.CONDITION_NUMBER,
     }
-    tables = {"tried": tried, "variation": proven}
-    pictures = [Picture("jacobian", CAPTION, ALT, partial(figure, tried, proven))]
+    tables = {"tried": alternatives, "variation": proven}
+    pictures = [Picture("jacobian", CAPTION, ALT, partial(figure, alternatives, proven))]
     done: list[tuple[Case, Run, dict[str, Any]]] = []
     if loop:
         duration_s = bench.quick_duration_s if quick else bench.duration_s
         settings |= {"duration_s": duration_s, "spiral_duration_s": bench.duration_s}
         calls = [{"duration_s": duration_s, "case": case} for case in cases(seed, quick)]
-        done = in_parallel(fly, calls, on_progress)
+        done = in_parallel(simulate, calls, on_progress)
         tables["runs"] = run_rows(done, seed)
         tables["costs"] = cost_rows(tables["runs"])
-        drawn = partial(figure_loop, tables["runs"])
-        pictures.append(Picture("jacobian_loop", LOOP_CAPTION, LOOP_ALT, drawn))
+        plot = partial(figure_loop, tables["runs"])
+        pictures.append(Picture("jacobian_loop", LOOP_CAPTION, LOOP_ALT, plot))
     checked = checks(tables, settings["J0_from_mjcf_largest_difference"])
     return Result(
         settings=settings,
         tables=tables,
         checks=checked,
-        views=shown(tables),
+        views=printed_tables(tables),
         pictures=pictures,
-        records=[partial(record, *each, settings, checked) for each in done if each[0].is_recorded],
+        records=[partial(record, *run, settings, checked) for run in done if run[0].is_recorded],
     )
 
 
 def checks(tables: dict[str, pd.DataFrame], from_mjcf: float) -> list[Check]:
-    """The bound within 2 % of the value found; closed-loop runs against geometry.
+    """Check that the bound is within 2 % of the value, and closed-loop runs against geometry.
 
     Args:
-        tables: Of the study; without the loop there is nothing to check of it.
+        tables: Tables of the study, with or without closed-loop runs.
         from_mjcf: Largest difference of eq. (39) from geometry and from the MJCF.
     """
-    found = tables["variation"].assign(norm=tables["variation"].norm + " norm").set_index("norm")
-    over, where = found.value / found.certified_upper_bound, "eq. (40)"
-    made = [
+    values = tables["variation"].assign(norm=tables["variation"].norm + " norm").set_index("norm")
+    over, where = values.value / values.certified_upper_bound, "eq. (40)"
+    of_eq_40 = [
         *check("largest difference of geometry and MJCF", from_mjcf, SAME_JACOBIAN, "eq. (39)"),
         *check("value found divided by its certified bound", over, 1.0, where),
         *check("certified bound divided by the value found", 1 / over, CERTIFICATE_LIMIT, where),
     ]
     if "runs" not in tables:
-        return made
-    runs, growth = tables["runs"].set_index("name"), growth_of(tables["runs"])
-    # A gap counts against the angles that are tracked: here they grow with the spiral.
+        return of_eq_40
+    runs, scaled = tables["runs"].set_index("name"), scaled_runs(tables["runs"])
+    # Gaps are compared with the tracked angles, which are proportional to the spiral.
     gap_m = runs.closure_residual_max_m / runs.spiral_factor
-    extra = growth["extra_percent"]
-    expected = np.hypot(growth["static_extra_percent", "constant"], extra["relinearized"])
+    extra = scaled["extra_percent"]
+    expected = np.hypot(scaled["static_extra_percent", "constant"], extra["relinearized"])
     off = (expected - extra["constant"]).abs() / extra["constant"]
     what = "relative difference between the constant Jacobian's simulated deviation from the "
     return [
-        *made,
+        *of_eq_40,
         *check("closure residual over the size of the spiral [m]", gap_m, CLOSURE_LIMIT_M),
         *check(what + "optimum and that of geometry and floor", off, GEOMETRY_TOLERANCE, "spiral"),
     ]
 
 
-def shown(tables: dict[str, pd.DataFrame]) -> list[TableView]:
-    """The printed tables."""
+def printed_tables(tables: dict[str, pd.DataFrame]) -> list[TableView]:
+    """Return the printed tables."""
     of_eq_40 = [
         TableView(
             "Eq. (40): largest relative change of J over the stroke",
@@ -545,10 +549,10 @@ def shown(tables: dict[str, pd.DataFrame]) -> list[TableView]:
             "norm value:.5f certified_upper_bound:.5f paper:.4f",
         ),
         TableView(
-            "Eq. (40), read in other ways",
+            "Eq. (40), other readings",
             tables["tried"],
             "reading frobenius:.5f two:.5f low_fraction:.2f",
-            "low_fraction: the part of the stroke on which a reading gives both printed numbers.",
+            "low_fraction: fraction of the stroke for which a reading gives both printed numbers.",
         ),
     ]
     if "runs" not in tables:
@@ -561,10 +565,10 @@ def shown(tables: dict[str, pd.DataFrame]) -> list[TableView]:
             tables["runs"],
             "column variant seed spiral_factor:g extra_percent:.2f static_extra_percent:.2f "
             "loop_gain_error_percent:.2f pointing_rms_change_urad:.1e gamma_change_rms_urad:.1e",
-            "spiral_factor: size over the paper's. extra: simulated; static: by geometry alone.",
+            "spiral_factor: size over the paper's. extra: simulated; static: from geometry alone.",
         ),
         TableView(
-            "Where a constant Jacobian costs 1 and 10 %, interpolated",
+            "Size of the spiral at which a constant Jacobian costs 1 and 10 %, interpolated",
             tables["costs"],
             "cost percent:g spiral_factor:.0f e_visited_frobenius:.1e",
         ),
@@ -572,16 +576,16 @@ def shown(tables: dict[str, pd.DataFrame]) -> list[TableView]:
 
 
 CAPTION = (
-    "How far the Jacobian departs from its nominal value over the stroke, eq. (40): at the corners "
-    "of the box of strut lengths, and in all readings of the equation that were tried."
+    "Change of the Jacobian from its nominal value over the stroke, eq. (40): at the corners of "
+    "the box of strut lengths, and in all tested readings of the equation."
 )
 ALT = (
     "Left: the change in both norms at the 64 corners, up to the proven bounds and mostly above "
     "the paper's values. Right: all readings of eq. (40); one is within the paper's pair."
 )
 LOOP_CAPTION = (
-    "Strut 1 locked, weights of W_e. Marks are simulated, the line is by geometry alone; beyond "
-    "100 times the spiral grows alone, the stroke not."
+    "Strut 1 locked, weights of W_e. Marks are simulated, the line is from geometry alone; beyond "
+    "100 times only the spiral is larger, not the stroke."
 )
 LOOP_ALT = (
     "Deviation of the secondary motion from its optimum over the size of the spiral: largest for "
@@ -590,43 +594,43 @@ LOOP_ALT = (
 )
 
 
-def figure(tried: pd.DataFrame, variation: pd.DataFrame) -> Figure:
-    """E at the corners of the box, its certificate, and all readings beside the paper's pair."""
+def figure(readings: pd.DataFrame, variation: pd.DataFrame) -> Figure:
+    """Plot e at the corners of the box, its certificate, and all readings with the paper's pair."""
     figure, half = new_figure(PAGE_IN, 3.2), 100 * paper.JACOBIAN_VARIATION_TOLERANCE
     left, right = figure.subplots(1, 2)
     printed = [100 * paper.JACOBIAN_VARIATION[norm] for norm in NORMS]
     bounds = 100 * variation.certified_upper_bound
-    ours = {"color": BLUE, "mfc": "none", "label": "computed: 64 corners, and readings"}
-    theirs = {"color": VERMILION, "capsize": 3, "label": "the paper, with its rounding"}
+    computed = {"color": BLUE, "mfc": "none", "label": "computed: 64 corners, and readings"}
+    published = {"color": VERMILION, "capsize": 3, "label": "the paper, with its rounding"}
     for row, norm in enumerate(NORMS):
         at_corners = relative_change(hexapod(load_model()), paper.STROKE_M * VERTICES, norm)
-        left.plot(100 * at_corners, np.full(64, row), "o", **ours)
+        left.plot(100 * at_corners, np.full(64, row), "o", **computed)
     left.plot(bounds, [0, 1], "|", color=BLACK, ms=9, mew=1.5, label="proven upper bound")
-    left.errorbar(printed, [0, 1], xerr=half, fmt="none", **theirs)
+    left.errorbar(printed, [0, 1], xerr=half, fmt="none", **published)
     left.set_title("Changes of the Jacobian over the stroke\nare below a proven bound")
     left.set_yticks([0, 1], ["Frobenius\nnorm", "2-norm"])
     left.set(xlabel="change of the Jacobian, eq. (40), %", xlim=(0, None), ylim=(1.6, -0.6))
-    right.plot(100 * tried.frobenius, 100 * tried.two, "o", **ours)
-    right.errorbar(*printed, xerr=half, yerr=half, fmt="none", **theirs)
-    count = tried.is_the_papers.sum()
-    right.set_title(f"{count} of {len(tried)} readings of eq. (40)\ngives the paper's pair")
+    right.plot(100 * readings.frobenius, 100 * readings.two, "o", **computed)
+    right.errorbar(*printed, xerr=half, yerr=half, fmt="none", **published)
+    count = readings.is_the_papers.sum()
+    right.set_title(f"{count} of {len(readings)} readings of eq. (40)\ngives the paper's pair")
     right.set(xlabel="Frobenius norm, %", ylabel="2-norm, %")
     one_legend(figure, 3)
     return figure
 
 
 def figure_loop(runs: pd.DataFrame) -> Figure:
-    """What each form of the mapping costs the secondary goal, over the size of the spiral."""
-    figure, growth = new_figure(COLUMN_IN, 3.5), growth_of(runs)
+    """Plot the deviation of the secondary goal for each variant, over the size of the spiral."""
+    figure, scaled = new_figure(COLUMN_IN, 3.5), scaled_runs(runs)
     axes, label = figure.subplots(), "constant Jacobian: geometry alone"
-    axes.plot(growth["static_extra_percent", "constant"], color=BLUE, label=label)
+    axes.plot(scaled["static_extra_percent", "constant"], color=BLUE, label=label)
     for variant, color, marker, label in (
         ("incremental", ORANGE, "^", "increments"),
         ("analytic", VERMILION, "x", "Jacobian of each tick"),
         ("constant", BLUE, "o", "constant Jacobian"),
         ("relinearized", GREEN, "s-", "Gauss-Newton step"),
     ):
-        extra = growth["extra_percent", variant]
+        extra = scaled["extra_percent", variant]
         axes.plot(extra, marker, color=color, mfc="none", label=label)
     axes.set(title="Strut 1 locked, spirals larger than that of Table I")
     axes.set(xlabel="size of the spiral, 1: that of Table I")

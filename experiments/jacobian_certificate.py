@@ -1,12 +1,12 @@
-"""A rigorous upper bound on how much the Jacobian varies over the box of strut lengths.
+"""Rigorous upper bound on the variation of the Jacobian over the box of strut lengths.
 
-The argument is written out in docs/jacobian.md. In short, for every l in the box |l_k| <= s,
+The proof is in docs/jacobian.md. In short, for every l in the box |l_k| <= s,
 
     J(l) - J(0) = T1[l] + T2[l, l] + T3[l, l, l] + R(l).
 
-A norm of a linear map is convex, so each T is largest at vertices of the box, all combinations of
-which are tried; R is at most the largest fourth Taylor coefficient anywhere in the box, which
-triangle inequalities bound.
+A norm of a linear map is convex, so each T is largest at a combination of vertices of the box, all
+of which are evaluated; R is at most the largest fourth Taylor coefficient anywhere in the box,
+which is bounded by triangle inequalities.
 
 The coefficients come from a power series. On the ray l = t d the lengths are L + t d, and the
 payload moves with the twist [omega; v] = J d:
@@ -14,8 +14,8 @@ payload moves with the twist [omega; v] = J d:
     R' = omega x R,    x' = v,    J = A^-1,
     A = [p x u, u],    p = R a,    u = (x + p - b) / (L + t d)
 
-Everything on the right is a product of what is known before, so that the Taylor coefficients follow
-one from another. The k-th coefficient of J is a homogeneous polynomial of degree k in d.
+The right sides are products of known series, so that the Taylor coefficients follow recursively.
+The k-th coefficient of J is a homogeneous polynomial of degree k in d.
 """
 
 from collections.abc import Callable
@@ -30,26 +30,26 @@ from fjh.rig.hexapod.closed_form import Hexapod
 from sim import NOMINAL, Array
 
 ORDER = 3
-"""Of the last Taylor coefficient that is bounded at the vertices."""
+"""Order of the last Taylor coefficient that is bounded at the vertices."""
 ROUNDING = 1e-9
 """Relative allowance for floating-point arithmetic."""
 
 Norm = Literal["frobenius", "two"]
 NORMS: tuple[Norm, ...] = get_args(Norm)
 
-_VERTICES = np.array([(1.0, *rest) for rest in product((1.0, -1.0), repeat=5)])
-"""Half of the box's; the others are their negatives, with the same norms."""
+_VERTICES = np.array([(1.0, *signs) for signs in product((1.0, -1.0), repeat=5)])
+"""Half of the vertices of the box; the others are their negatives, with the same norms."""
 
 Kind = TypeVar("Kind", Array, float)
 
 
 def size(matrices: Array, norm: Norm) -> Array:
-    """Norm of each of the matrices (..., p, q), shape (...)."""
+    """Return the norms of matrices (..., p, q), shape (...)."""
     return np.linalg.norm(matrices, "fro" if norm == "frobenius" else 2, axis=(-2, -1))
 
 
 class Series(NamedTuple, Generic[Kind]):
-    """Taylor coefficients in t of what moves along a ray, from order 0 on; or their norms."""
+    """Taylor coefficients in t along a ray, from order 0 on, or bounds on their norms."""
 
     arm: list[Kind]  # p, (..., 6, 3)
     from_bottom: list[Kind]  # x - b, (..., 6, 3)
@@ -59,7 +59,7 @@ class Series(NamedTuple, Generic[Kind]):
 
 
 def jacobian_series(geometry: Hexapod, direction_m: Array, order: int) -> Series[Array]:
-    """Taylor coefficients of J(t d), and of what it is made of, about t = 0, for d (..., 6)."""
+    """Compute the Taylor coefficients of J(t d) and its factors about t = 0, for d (..., 6)."""
     L, J_0 = geometry.nominal_length_m, np.linalg.inv(geometry.inverse_jacobian(NOMINAL))
     over_length = [(-direction_m / L)[..., None] ** k / L[:, None] for k in range(order + 1)]
     arm, from_bottom = [geometry.top_m], [-geometry.bottom_m]
@@ -80,7 +80,7 @@ def jacobian_series(geometry: Hexapod, direction_m: Array, order: int) -> Series
 
 
 def jacobian_forms(geometry: Hexapod, stroke_m: float, order: int) -> list[Array]:
-    """The coefficients as symmetric multilinear forms, on struts in units of the stroke.
+    """Compute the coefficients as symmetric multilinear forms, on struts in units of the stroke.
 
     Polarization: T(d1, ..., dk) = sum over signs of e1 ... ek P(e1 d1 + ... + ek dk) / (2^k k!).
 
@@ -91,10 +91,10 @@ def jacobian_forms(geometry: Hexapod, stroke_m: float, order: int) -> list[Array
     forms = [np.linalg.inv(geometry.inverse_jacobian(NOMINAL))]
     strokes = stroke_m * np.eye(6)
     for k in range(1, order + 1):
-        chosen = np.indices((6,) * k).reshape(k, -1)
+        axes = np.indices((6,) * k).reshape(k, -1)
         total = np.zeros((6**k, 6, 6))
         for signs in product((-1.0, 1.0), repeat=k):
-            parts = [e * strokes[axis] for e, axis in zip(signs, chosen, strict=True)]
+            parts = [e * strokes[axis] for e, axis in zip(signs, axes, strict=True)]
             direction = np.sum(parts, axis=0)
             total += prod(signs) * jacobian_series(geometry, direction, k).J[k]
         forms.append(total.reshape((6,) * k + (6, 6)) / (2**k * factorial(k)))
@@ -104,34 +104,37 @@ def jacobian_forms(geometry: Hexapod, stroke_m: float, order: int) -> list[Array
 def _coefficient(
     k: int, left: list[Array], right: list[Array], times: Callable[[Array, Array], Array]
 ) -> Array:
-    """The k-th coefficient of the product of two series: Cauchy's."""
+    """Return the k-th coefficient of the Cauchy product of two series."""
     return np.sum([times(left[m], right[k - m]) for m in range(k + 1)], axis=0)
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """sup ||J - J_0|| over the box is at most the sum of what each Taylor term can be."""
+    """Bound on sup ||J - J_0|| over the box: the sum of bounds on the Taylor terms."""
 
     terms: tuple[float, ...]
     """Largest norm of the linear, quadratic and cubic term."""
     remainder: float
-    """Bound on all that is left; infinite where the argument does not hold."""
+    """Bound on the remainder; infinite if the proof does not apply."""
 
     @property
     def upper_bound(self) -> float:
-        """On sup ||J - J_0||, rounding allowed for."""
+        """Upper bound on sup ||J - J_0||, including the rounding allowance."""
         return (sum(self.terms) + self.remainder) * (1 + ROUNDING)
 
 
 def certify(geometry: Hexapod, stroke_m: float, norm: Norm) -> Certificate:
     """Bound ||J - J_0|| over all strut displacements of at most the stroke.
 
-    The rounding allowance is meant for well-conditioned machines, condition numbers up to 1e6.
+    The rounding allowance holds for condition numbers up to 1e6.
 
     Args:
-        geometry: The hexapod; J is the twist of its payload origin, base axes, per strut rate.
+        geometry: Hexapod; J is the twist of its payload origin, base axes, per strut rate.
         stroke_m: Half the side of the box.
-        norm: Of the matrices.
+        norm: Norm of the matrices.
+
+    Raises:
+        ValueError: The stroke is negative or not finite.
     """
     if not 0 <= stroke_m < np.inf:
         raise ValueError(f"stroke_m must be finite and not negative, got {stroke_m}")
@@ -143,7 +146,7 @@ def certify(geometry: Hexapod, stroke_m: float, norm: Norm) -> Certificate:
 
 
 def largest_at_vertices(form: Array, norm: Norm) -> float:
-    """Largest norm of a multilinear form (6,) * k + (6, 6) on vertices, each argument its own."""
+    """Return the largest norm of a multilinear form (6,) * k + (6, 6) over tuples of vertices."""
     for _ in range(form.ndim - 2):
         form = np.tensordot(form, _VERTICES, axes=(0, 1))
     matrices = np.moveaxis(form.reshape(6, 6, -1), -1, 0)
@@ -151,13 +154,13 @@ def largest_at_vertices(form: Array, norm: Norm) -> float:
 
 
 def _remainder(geometry: Hexapod, stroke_m: float, norm: Norm) -> float:
-    """Largest norm that the next Taylor coefficient of J can have anywhere in the box.
+    """Bound the norm of the next Taylor coefficient of J over the box.
 
-    A characteristic length weighs turns against displacements in the estimates; each is valid, and
-    the best is taken.
+    The bound depends on a characteristic length that weights rotations against displacements; it
+    is valid for any length, and the smallest is returned.
     """
     if not stroke_m < geometry.nominal_length_m.min():
-        return np.inf  # a strut would vanish
+        return np.inf  # a strut would have zero length
     lengths_m = geometry.nominal_length_m.mean() * np.geomspace(0.1, 2.0, 40)
     return min(_remainder_with(geometry, stroke_m, norm, float(c)) for c in lengths_m)
 
@@ -166,27 +169,27 @@ def _remainder_with(geometry: Hexapod, stroke_m: float, norm: Norm, length_m: fl
     scale = np.array([length_m] * 3 + [1.0] * 3)
     J_0 = np.linalg.inv(geometry.inverse_jacobian(NOMINAL))
     nominal = float(np.linalg.norm(scale[:, None] * J_0, 2))
-    for growth in np.linspace(1.005, 1.5, 100):
-        bounds = coefficient_bounds(geometry, stroke_m, length_m, growth * nominal)
-        # On the way out the norm cannot pass `growth` if it cannot get there: see the docs.
-        if nominal + bounds.J[1] < growth * nominal:
+    for ratio in np.linspace(1.005, 1.5, 100):
+        bounds = coefficient_bounds(geometry, stroke_m, length_m, ratio * nominal)
+        # By continuity the norm stays below `ratio * nominal`: see docs/jacobian.md.
+        if nominal + bounds.J[1] < ratio * nominal:
             return bounds.J[-1] * unscaled(length_m, norm)
     return np.inf
 
 
 def unscaled(length_m: float, norm: Norm) -> float:
-    """Bound on the norm of M over the 2-norm of D M, D = diag(c, c, c, 1, 1, 1)."""
+    """Return a bound on |M| / |D M|_2, D = diag(c, c, c, 1, 1, 1), c the given length."""
     return float(size(np.diag([1 / length_m] * 3 + [1.0] * 3), norm))
 
 
 def coefficient_bounds(
     geometry: Hexapod, stroke_m: float, length_m: float, largest_J: float
 ) -> Series[float]:
-    """Bounds on the coefficients of :func:`jacobian_series` at any point of any ray in the box.
+    """Bound the coefficients of :func:`jacobian_series` at any point of any ray in the box.
 
-    The same recursion, with lengths for vectors and 2-norms for matrices, of A / D and of D J. The
-    stroke, half the side of the box, is less than the shortest strut; length_m is c of
-    D = diag(c, c, c, 1, 1, 1), at which turns are measured; ||D J|| <= largest_J on the rays.
+    The recursion is that of the series, with lengths for vectors and 2-norms for matrices, of A / D
+    and of D J. The stroke, half the side of the box, is less than the shortest strut; length_m is c
+    of D = diag(c, c, c, 1, 1, 1), which weights rotations; ||D J|| <= largest_J on the rays.
     """
     L, shortest = geometry.nominal_length_m, float(geometry.nominal_length_m.min()) - stroke_m
     over_length = [(stroke_m / shortest) ** k / shortest for k in range(ORDER + 2)]

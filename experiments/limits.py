@@ -1,4 +1,4 @@
-"""The study `limits`: ways to keep actuators within limits, in the loop; docs/priorities.md."""
+"""Study `limits`: ways to keep actuators within their limits, in the loop; docs/priorities.md."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -37,22 +37,22 @@ from prioritized import ConstrainedSystem, Kinematics, velocity_mapping, viable_
 from sim import NOMINAL, Array, Failure, JacobianReader, advance, linearize, load_model
 from sim.plant import failed_plant
 
-# The spiral is 40 times larger than that of Table I, and the detector must see it. All numbers of
-# this block are chosen.
+# The spiral is 40 times larger than that of Table I, and must be within the detector. The numbers
+# of this block are design choices.
 BENCH = replace(TestbedConfig(), detector_half_width_m=10e-3)
 RADIUS_RAD, TURN_S, REST_S, LEAD_IN_S = 4e-3, 4.0, 1.0, 0.5
-# Coils 2 and 5 are hot; of the others the stroke is the limit.
+# Coils 2 and 5 are hot; the others are limited by the stroke.
 CURRENT_LIMIT_A = np.array([4.0005, 2.0, 4.0005, 4.0005, 2.0, 4.0005])
 STUCK_M, HEAVE_M = 317.5e-6, 250e-6  # strut 1 at half its stroke; all struts longer, on request
 LONGER = 3.0  # stroke of the machine without limits, in strokes of the hexapod
-SLOWNESS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, inf)  # tracking times over the integrators' 1/gain
+SLOWNESS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, inf)  # tracking time times the integrators' gain
 WEIGHTS = (0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 10.0, 1e3)  # [rad] against [m] or [rad]
 
 PERIOD_S, GAIN_PER_S = 0.02, 2.0  # of the arm's controller
 RANGE_RAD, RATE_RAD_PER_S, ACCELERATION_RAD_PER_S2 = 0.8, 0.6, 5.0  # of each of its joints
 TILT_RAD, CIRCLE_S, EASE_S, LOCKED = 0.9, 10.0, 5.0, 3  # its line of sight; the elbow locks
 
-# A run has recovered where its pointing is as near to that of the machine without limits.
+# A run has recovered when its pointing is this close to that of the machine without limits.
 RECOVERED_RAD, AT_LIMIT_M, AT_LIMIT_RAD = 25e-6, 0.1e-6, 1e-6
 DEMANDS, FARTHEST_RAD, LEAST_RAD = 300, 2.5 * RADIUS_RAD, 0.1e-3  # out of reach, a condition
 
@@ -61,36 +61,36 @@ Limits = tuple[Array, Array]
 
 @dataclass(frozen=True)
 class Strategy:
-    """One way to obey the limits; kind is a key of :data:`ALLOCATIONS`, or "unlimited"."""
+    """Strategy to obey the limits; kind is a key of :data:`ALLOCATIONS`, or "unlimited"."""
 
     kind: str
-    weight: float | None = None  # of the major task in the one weighted problem
-    slowness: float = 1.0  # tracking time over the integrators' 1/gain; inf is no anti-windup
+    weight: float | None = None  # of the major task in the weighted problem
+    slowness: float = 1.0  # tracking time times the integrators' gain; inf: no anti-windup
 
     @property
     def name(self) -> str:
-        """As in `limits.json`."""
+        """Name in `limits.json`."""
         weight = "" if self.weight is None else f"_{self.weight:g}"
         slow = {1.0: "", inf: "_winding_up"}.get(self.slowness, f"_tracking_{self.slowness:g}")
         return f"{self.kind}{weight}{slow}"
 
 
 def strategies(*, quick: bool, loop: bool) -> list[Strategy]:
-    """All that are compared, in the loop of the hexapod or on the arm, which has no integrator."""
+    """Return the strategies compared in the hexapod's loop, or on the arm, without integrator."""
     slowness = ((1.0, 10.0) if quick else SLOWNESS) if loop else (1.0,)
     weights = ((10.0,) if loop else ()) if quick else WEIGHTS
     return [
         Strategy("strict"),
         *([Strategy("strict", slowness=inf)] if loop else []),
         *([] if quick else [Strategy("scaled")]),
-        *(Strategy("clipping", slowness=each) for each in slowness),
+        *(Strategy("clipping", slowness=factor) for factor in slowness),
         Strategy("redistributed"),
         *(Strategy("weighted", weight) for weight in weights),
         Strategy("unlimited"),
     ]
 
 
-# Allocations: of kinematics, limits of all actuators, and task rows, what solves for the rates.
+# Allocations: functions from kinematics, limits of all actuators and task rows to a solver.
 
 
 def strict(
@@ -100,7 +100,7 @@ def strict(
     secondary: Sequence[int],
     when: Any = "least_squares",
 ) -> Any:
-    """The library's mapping: limits, then the major task, then secondary goals."""
+    """Return the library's mapping: limits, then the major task, then secondary goals."""
     W1 = np.ones(len(kinematics.actuators))
     return kinematics.velocity_mapping(major, secondary, W1, rate_limits=limits, when_limited=when)
 
@@ -108,20 +108,20 @@ def strict(
 def clipping(
     kinematics: Kinematics, limits: Limits, major: Sequence[int], secondary: Sequence[int]
 ) -> Any:
-    """The mapping without limits; each rate is cut off at its own."""
+    """Return the mapping without limits, with each rate clipped at its limits."""
     mapping = kinematics.velocity_mapping(major, secondary, np.ones(len(kinematics.actuators)))
-    own = np.array(limits)[:, kinematics.actuators]
-    return _solving(lambda *velocities: mapping(*velocities).clip(*own))
+    bounds = np.array(limits)[:, kinematics.actuators]
+    return _solving(lambda *velocities: mapping(*velocities).clip(*bounds))
 
 
 def redistributed(
     kinematics: Kinematics, limits: Limits, major: Sequence[int], secondary: Sequence[int]
 ) -> Any:
-    """Redistributed pseudo-inverse: what saturated actuators lack, the others make up for.
+    """Return the redistributed pseudo-inverse: the others compensate for saturated actuators.
 
-    Rates beyond their limits are fixed there for good, and the others solved again, until none is
-    beyond, so that the result need not be the best within the limits (Virnig and Bodden 1994;
-    Bodson, Evaluation of Optimization Methods for Control Allocation, 2002).
+    Rates beyond their limits are fixed there and the others solved again, until none is beyond;
+    the result need not be optimal within the limits (Virnig and Bodden 1994; Bodson, Evaluation of
+    Optimization Methods for Control Allocation, 2002).
     """
     J, (lower, upper) = kinematics.J[major], np.array(limits)[:, kinematics.actuators]
 
@@ -129,9 +129,9 @@ def redistributed(
         (m1, n), rates = J.shape, np.zeros(J.shape[1])
         desired, moving = np.zeros(n) if desired is None else desired, np.ones(n, dtype=bool)
         while moving.any():
-            missing = np.asarray(v) - J[:, ~moving] @ rates[~moving]
+            remaining = np.asarray(v) - J[:, ~moving] @ rates[~moving]
             mapping = velocity_mapping(J[:, moving], range(m1), joint_weight=np.ones(moving.sum()))
-            rates[moving] = mapping(missing, desired[moving])
+            rates[moving] = mapping(remaining, desired[moving])
             beyond = exceeds(rates, upper) | exceeds(lower, rates)
             rates = rates.clip(lower, upper)
             if not beyond.any():
@@ -149,7 +149,7 @@ def weighted(
     secondary: Sequence[int],
     weight: float,
 ) -> Any:
-    """One least-squares problem within the limits, the major task one more term with a weight."""
+    """Return one least-squares problem within the limits, with a weight on the major task."""
     W1, rows = np.ones(len(kinematics.actuators)), [*secondary, *major]
     W2 = np.repeat([0.0, weight], [len(secondary), len(major)])
     equals = kinematics.velocity_mapping([], rows, W1, W2, rate_limits=limits)
@@ -166,49 +166,49 @@ ALLOCATIONS: dict[str, Callable[..., Any]] = {
 
 
 def _solving(rates_for: Callable[..., Array]) -> Any:
-    """Rates of the survivors for velocities, called as a mapping with limits is."""
+    """Wrap a function from velocities to rates of survivors as a mapping with limits."""
     return SimpleNamespace(solve=lambda *velocities: SimpleNamespace(rates=rates_for(*velocities)))
 
 
 def allocation(strategy: Strategy) -> Callable[..., Any]:
-    """The allocation of a strategy, with its weight if it has one."""
-    found = ALLOCATIONS["strict" if strategy.kind == "unlimited" else strategy.kind]
-    return found if strategy.weight is None else partial(found, weight=strategy.weight)
+    """Return the allocation of a strategy, with its weight if it has one."""
+    allocate = ALLOCATIONS["strict" if strategy.kind == "unlimited" else strategy.kind]
+    return allocate if strategy.weight is None else partial(allocate, weight=strategy.weight)
 
 
-# The hexapod on a spiral that leaves what stroke and coil current allow.
+# The hexapod on a spiral beyond the limits of stroke and coil current.
 
 
 @dataclass(frozen=True)
 class Condition:
-    """Whether strut 1 is stuck off centre, known to the mapping, and the payload to be raised."""
+    """Condition: whether strut 1 is stuck off centre, which is known, and the payload raised."""
 
     stuck: bool
     heave: bool
 
     @property
     def name(self) -> str:
-        """As in `limits.json`."""
+        """Name in `limits.json`."""
         return f"{'stuck' if self.stuck else 'sound'}{'_heave' if self.heave else ''}"
 
     @property
     def locked_at(self) -> dict[int, float]:
-        """As in :class:`ftc.Goal`."""
+        """Displacements of locked struts [m], as in :class:`ftc.Goal`."""
         return {0: STUCK_M} if self.stuck else {}
 
     @property
     def failures(self) -> list[Failure]:
-        """What happens to the plant."""
+        """Failures of the plant."""
         return [Failure(strut, "locked") for strut in self.locked_at]
 
     @property
     def raised_m(self) -> Array:
-        """The secondary reference, shape (6,)."""
+        """Secondary reference of the struts [m], shape (6,)."""
         return np.full(6, HEAVE_M if self.heave else 0.0)
 
 
 def spiral_rad(duration_s: float, turn_s: float) -> Array:
-    """Desired (alpha, beta): out until halfway, back, and at rest, shape (N, 2)."""
+    """Return desired (alpha, beta), shape (N, 2): outwards until halfway, back, then at rest."""
     time_s = BENCH.time_s(duration_s)
     radius = RADIUS_RAD * np.sin(np.pi * (time_s / (duration_s - REST_S)).clip(0, 1)) ** 2
     turned = 2 * np.pi * time_s / turn_s
@@ -216,37 +216,39 @@ def spiral_rad(duration_s: float, turn_s: float) -> Array:
 
 
 def limits_of(testbed: Testbed) -> Limits:
-    """Displacements that stroke and current allow the struts."""
+    """Return the displacement limits of the struts [m] by stroke and current."""
     return displacement_limits(testbed.model, testbed.amplifier(), CURRENT_LIMIT_A)
 
 
 def outline(testbed: Testbed, condition: Condition) -> Array:
-    """Corners of the attainable pointing [rad], a stuck strut where it is, shape (k, 2)."""
+    """Return the corners of the attainable pointing [rad], shape (k, 2)."""
     box = np.array(limits_of(testbed))
-    for strut, stands_m in condition.locked_at.items():
-        box[:, strut] = stands_m
+    for strut, position_m in condition.locked_at.items():
+        box[:, strut] = position_m
     J = np.linalg.inv(hexapod(testbed.model).inverse_jacobian(NOMINAL))
     kinematics = ConstrainedSystem(J, None, range(6)).kinematics()
     return kinematics.attainable(MAJOR, tuple(box)).vertices
 
 
 def strut_mapping(testbed: Testbed, condition: Condition, strategy: Strategy) -> StrutMapping:
-    """The strut mapping with equal weights, its limits obeyed by the strategy."""
+    """Return the strut mapping with equal weights, with limits obeyed by the strategy."""
     goal = Goal(joint_weight=(1.0,) * 6, locked_at=condition.locked_at)
-    limits, find = None, None
+    limits, solve_rates = None, None
     if strategy.kind != "unlimited":
-        limits, how = limits_of(testbed), allocation(strategy)
-        find = partial(how, limits=limits, major=MAJOR, secondary=SECONDARY)
-    return StrutMapping(hexapod(testbed.model), goal, "constant", limits=limits, allocate=find)
+        limits, arguments = limits_of(testbed), {"major": MAJOR, "secondary": SECONDARY}
+        solve_rates = partial(allocation(strategy), limits=limits, **arguments)
+    return StrutMapping(
+        hexapod(testbed.model), goal, "constant", limits=limits, allocate=solve_rates
+    )
 
 
-def fly(
+def simulate(
     testbed: Testbed, condition: Condition, strategy: Strategy, path_rad: Array, seed: int
 ) -> Run:
-    """One spiral; without limits on a machine with longer strokes and cooler coils.
+    """Simulate a spiral; without limits on a machine with longer strokes and cooler coils.
 
     Raises:
-        sim.SimulationDiverged: The physics left the finite numbers.
+        sim.SimulationDiverged: The state is not finite.
     """
     if strategy.kind == "unlimited":
         testbed = testbed.scaled(stroke=LONGER)
@@ -272,16 +274,16 @@ def fly(
 def spiral_row(
     testbed: Testbed, condition: Condition, strategy: Strategy, run: Run, unlimited: Run
 ) -> dict[str, Any]:
-    """What is measured of a spiral beside that of the machine without limits."""
+    """Return the row of a spiral, compared with that of the machine without limits."""
     period_s, error = testbed.bench.control_period_s, np.linalg.norm(run.error, axis=1)
-    off = np.linalg.norm(run.true - unlimited.true, axis=1)
-    attainable = room(outline(testbed, condition), run.desired) > 0
+    deviation = np.linalg.norm(run.true - unlimited.true, axis=1)
+    attainable = signed_distance(outline(testbed, condition), run.desired) > 0
     working = np.delete(np.arange(6), list(condition.locked_at))
     gains_per_s = [loop.numerator[-1] / loop.denominator[-2] for loop in testbed.loops]
     tracking_s = np.mean(strategy.slowness / np.array(gains_per_s))
     lower, upper = (side[working] for side in limits_of(testbed))
     command_m = testbed.amplifier().displacements(run.inputs)[:, working]
-    left_m = np.minimum(upper - command_m, command_m - lower)
+    margin_m = np.minimum(upper - command_m, command_m - lower)
     is_limited = strategy.kind != "unlimited"
     moved_m = run.displacement[:, working] - condition.raised_m[working]
     return {
@@ -294,29 +296,29 @@ def spiral_row(
         "rms_urad": 1e6 * rms(error),
         "peak_urad": 1e6 * error.max(),
         "attainable_rms_urad": 1e6 * rms(error[attainable]),
-        "recovery_s": longest((off > RECOVERED_RAD) & attainable) * period_s,
+        "recovery_s": longest((deviation > RECOVERED_RAD) & attainable) * period_s,
         "rest_peak_urad": 1e6 * error[-round(0.5 * REST_S / period_s) :].max(),
         "secondary_rms_um": 1e6 * rms(moved_m.ravel()),
-        "at_limit_s": (left_m < AT_LIMIT_M).any(axis=1).sum() * period_s if is_limited else None,
-        "beyond_limit_um": -1e6 * left_m.min() if is_limited else None,
+        "at_limit_s": (margin_m < AT_LIMIT_M).any(axis=1).sum() * period_s if is_limited else None,
+        "beyond_limit_um": -1e6 * margin_m.min() if is_limited else None,
         "closure_residual_max_m": run.closure_max_m,
     }
 
 
 def condition_row(testbed: Testbed, condition: Condition, path_rad: Array) -> dict[str, Any]:
-    """What all strategies have in common: what can be attained, and whether the loop is stable."""
-    lacking = -np.minimum(room(outline(testbed, condition), path_rad), 0.0)
+    """Return the row of a condition: the attainable pointing and the stability of the loop."""
+    shortfall = -np.minimum(signed_distance(outline(testbed, condition), path_rad), 0.0)
     return {
         "condition": condition.name,
-        "least_rms_urad": 1e6 * rms(lacking),
-        "not_attainable_s": (lacking > 0).sum() * testbed.bench.control_period_s,
+        "least_rms_urad": 1e6 * rms(shortfall),
+        "not_attainable_s": (shortfall > 0).sum() * testbed.bench.control_period_s,
         "circle_margin": loop_margin(testbed, condition, anti_windup=True),
         "circle_margin_winding_up": loop_margin(testbed, condition, anti_windup=False),
     }
 
 
 def loop_margin(testbed: Testbed, condition: Condition, *, anti_windup: bool) -> float:
-    """:func:`.circle_margin` of both loops on the linear model of the plant."""
+    """Compute the :func:`.circle_margin` of both loops on the linear model of the plant."""
     plant = failed_plant(testbed.model, condition.failures)
     goal = Goal(joint_weight=(1.0,) * 6, locked_at=dict.fromkeys(condition.locked_at, 0.0))
     gain = StrutMapping(hexapod(testbed.model), goal, "constant").major_gain()
@@ -325,52 +327,52 @@ def loop_margin(testbed: Testbed, condition: Condition, *, anti_windup: bool) ->
 
 
 def longest(holds: Array) -> int:
-    """Number of samples in the longest run of truth."""
+    """Return the length of the longest sequence of true samples."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], holds.astype(int), [0]])))
     return int((edges[1::2] - edges[::2]).max(initial=0))
 
 
-def room(corners: Array, points: Array) -> Array:
-    """Distance of points (N, 2) from the outline, shape (N,): positive inside, negative outside."""
+def signed_distance(corners: Array, points: Array) -> Array:
+    """Return the distance of points (N, 2) from a convex outline, (N,): negative outside."""
     along = np.roll(corners, -1, axis=0) - corners
-    length, off = np.linalg.norm(along, axis=1), points[:, None] - corners
-    part = ((off * along).sum(axis=2) / length**2).clip(0, 1)
-    distance = np.linalg.norm(off - part[..., None] * along, axis=2).min(axis=1)
-    inward = (along[:, 0] * off[..., 1] - along[:, 1] * off[..., 0]) / length
+    length, offsets = np.linalg.norm(along, axis=1), points[:, None] - corners
+    fraction = ((offsets * along).sum(axis=2) / length**2).clip(0, 1)
+    distance = np.linalg.norm(offsets - fraction[..., None] * along, axis=2).min(axis=1)
+    inward = (along[:, 0] * offsets[..., 1] - along[:, 1] * offsets[..., 0]) / length
     return np.where((inward >= 0).all(axis=1), distance, -distance)
 
 
 def excess_row(
     testbed: Testbed, conditions: Sequence[Condition], strategy: Strategy, seed: int
 ) -> dict[str, Any]:
-    """Pointing error of the mapping alone above the least possible, for demands out of reach.
+    """Return the excess of the mapping's pointing error over the minimum, for infeasible demands.
 
-    The least is the distance from the outline of what is attainable: geometry, no optimization.
+    The minimum is the distance from the outline of attainable pointing: geometry, no optimization.
     """
-    found = []
+    excess = []
     for condition in conditions:
         rng, corners = np.random.default_rng(seed), outline(testbed, condition)
         turned = rng.uniform(0, 2 * np.pi, 20 * DEMANDS)
         radius = FARTHEST_RAD * rng.uniform(0, 1, 20 * DEMANDS)
         demands = radius[:, None] * np.stack([np.cos(turned), np.sin(turned)], axis=1)
-        least = -room(corners, demands)
+        least = -signed_distance(corners, demands)
         far = np.flatnonzero(least > LEAST_RAD)[:DEMANDS]
         mapping: Any = strut_mapping(testbed, condition, strategy)
-        how = {"secondary_reference": condition.raised_m}
-        missed = [mapping.tick(one, NOMINAL, **how)[1] for one in demands[far]]
-        found.append(100 * (np.linalg.norm(missed, axis=1) / least[far] - 1.0))
+        arguments = {"secondary_reference": condition.raised_m}
+        errors = [mapping.tick(demand, NOMINAL, **arguments)[1] for demand in demands[far]]
+        excess.append(100 * (np.linalg.norm(errors, axis=1) / least[far] - 1.0))
     return {
         "strategy": strategy.name,
-        "excess_median_percent": np.median(np.concatenate(found)),
-        "excess_largest_percent": np.max(found),
+        "excess_median_percent": np.median(np.concatenate(excess)),
+        "excess_largest_percent": np.max(excess),
     }
 
 
-# The arm on a long path, kinematically; its elbow locks halfway.
+# The arm on a long path, without dynamics; its elbow locks halfway.
 
 
 def line_of_sight(time_s: Array, duration_s: float) -> Array:
-    """Desired unit vectors in base axes, shape (N, 3)."""
+    """Return the desired unit vectors in base axes, shape (N, 3)."""
     eased = smooth_step(time_s / EASE_S) * smooth_step((duration_s - time_s) / EASE_S)
     tilt, turned = TILT_RAD * eased, 2 * np.pi * time_s / CIRCLE_S
     across = np.sin(tilt)
@@ -378,47 +380,47 @@ def line_of_sight(time_s: Array, duration_s: float) -> Array:
 
 
 def move_arm(strategy: Strategy, duration_s: float) -> dict[str, Array]:
-    """Resolved rates with feedback: time (N,), angle off the line of sight (N,), joints (N, 7)."""
+    """Simulate resolved rates with feedback; return time (N,), error (N,), joint angles (N, 7)."""
     model = load_model(ARM_MJCF)
     data, reader = mujoco.MjData(model), JacobianReader(model, site="payload", axes="payload")
     system = ConstrainedSystem.of(reader.at(data))
     time_s = np.arange(round(duration_s / PERIOD_S) + 1) * PERIOD_S
     views = line_of_sight(time_s, duration_s)
-    reach = inf if strategy.kind == "unlimited" else RANGE_RAD
+    range_rad = inf if strategy.kind == "unlimited" else RANGE_RAD
     rates, rows = np.zeros(model.nv), []
     for k, now in enumerate(time_s[:-1]):
         if k == len(time_s) // 2:
             system = system.with_failures(locked=[LOCKED])
         kinematics = system.at(J_T=reader.at(data).J_T).kinematics()
         camera = camera_axes(data)
-        off = _turn(camera[:, 2], views[k])
+        turn = _turn(camera[:, 2], views[k])
         ahead = np.cross(views[k], views[k + 1] - views[k]) / PERIOD_S
-        pointing = (camera.T @ (GAIN_PER_S * off + ahead))[POINTING]
+        pointing = (camera.T @ (GAIN_PER_S * turn + ahead))[POINTING]
         box = viable_rates(
             data.qpos,
             rates,
-            position_limits=(-reach, reach),
+            position_limits=(-range_rad, range_rad),
             rate_limits=(-RATE_RAD_PER_S, RATE_RAD_PER_S),
             acceleration_limits=(-ACCELERATION_RAD_PER_S2, ACCELERATION_RAD_PER_S2),
             period_s=PERIOD_S,
         )
-        find = allocation(strategy)(kinematics, (box.lower, box.upper), POINTING, NOT_POINTING)
-        rates = kinematics.expand(find.solve(pointing).rates)
-        rows.append((now, np.linalg.norm(off), data.qpos.copy()))
+        allocate = allocation(strategy)(kinematics, (box.lower, box.upper), POINTING, NOT_POINTING)
+        rates = kinematics.expand(allocate.solve(pointing).rates)
+        rows.append((now, np.linalg.norm(turn), data.qpos.copy()))
         data = advance(model, data, rates, PERIOD_S)
     names = "time_s", "error_rad", "joint_rad"
     return dict(zip(names, map(np.array, zip(*rows, strict=True)), strict=True))
 
 
 def _turn(now: Array, desired: Array) -> Array:
-    """The rotation vector from one unit vector to another, shape (3,)."""
+    """Return the rotation vector from one unit vector to another, shape (3,)."""
     axis = np.cross(now, desired)
     sine = np.linalg.norm(axis)
     return axis * (np.arctan2(sine, now @ desired) / sine if sine > 0 else 1.0)
 
 
 def arm_row(strategy: Strategy, motion: dict[str, Array]) -> dict[str, Any]:
-    """What is measured of a motion."""
+    """Return the row of a motion of the arm."""
     reached = np.abs(motion["joint_rad"]).max(axis=1)
     return {
         "condition": "arm",
@@ -459,33 +461,33 @@ def limits(
     testbed = nominal_testbed(BENCH)
     duration_s, turn_s, arm_s = (3.0, TURN_S / 2, 16.0) if quick else (9.0, TURN_S, 40.0)
     path_rad, heaves = spiral_rad(duration_s, turn_s), (True,) if quick else (False, True)
-    conditions = [Condition(*each) for each in product((False, True), heaves)]
-    loop, arm = (strategies(quick=quick, loop=each) for each in (True, False))
-    flights = list(product(conditions, loop))
-    shared = {"work": fly, "testbed": testbed, "path_rad": path_rad, "seed": seed}
-    calls = [{"work": move_arm, "strategy": each, "duration_s": arm_s} for each in arm]
-    calls += [shared | {"condition": each, "strategy": how} for each, how in flights]
+    conditions = [Condition(*flags) for flags in product((False, True), heaves)]
+    loop, arm = (strategies(quick=quick, loop=in_loop) for in_loop in (True, False))
+    cases = list(product(conditions, loop))
+    shared = {"work": simulate, "testbed": testbed, "path_rad": path_rad, "seed": seed}
+    calls = [{"work": move_arm, "strategy": how, "duration_s": arm_s} for how in arm]
+    calls += [shared | {"condition": condition, "strategy": how} for condition, how in cases]
     done = in_parallel(call, calls, on_progress)
-    motions = {each.name: motion for each, motion in zip(arm, done, strict=False)}
-    runs = dict(zip(flights, done[len(arm) :], strict=True))
-    flown = [spiral_row(testbed, *key, run, runs[key[0], loop[-1]]) for key, run in runs.items()]
-    limited = [each for each in loop if each.slowness == 1.0 and each.kind != "unlimited"]
+    motions = {how.name: motion for how, motion in zip(arm, done, strict=False)}
+    runs = dict(zip(cases, done[len(arm) :], strict=True))
+    rows = [spiral_row(testbed, *key, run, runs[key[0], loop[-1]]) for key, run in runs.items()]
+    limited = [how for how in loop if how.slowness == 1.0 and how.kind != "unlimited"]
     tables = {
-        "spirals": over_strict(flown, "rms_urad"),
-        "arm": over_strict([arm_row(each, motions[each.name]) for each in arm], "rms_mrad"),
-        "conditions": pd.DataFrame([condition_row(testbed, each, path_rad) for each in conditions]),
+        "spirals": over_strict(rows, "rms_urad"),
+        "arm": over_strict([arm_row(how, motions[how.name]) for how in arm], "rms_mrad"),
+        "conditions": pd.DataFrame([condition_row(testbed, c, path_rad) for c in conditions]),
         "out_of_reach": pd.DataFrame(
-            [excess_row(testbed, conditions, each, seed) for each in limited]
+            [excess_row(testbed, conditions, how, seed) for how in limited]
         ),
     }
     spirals = {"time_s": BENCH.time_s(duration_s), "desired_rad": path_rad}
     for (condition, strategy), run in runs.items():
         name = f"{condition.name}_{strategy.name}"
         spirals |= {f"{name}_true_rad": run.true, f"{name}_strut_input_percent": run.inputs}
-    motion = {f"{name}_{key}": A for name, each in motions.items() for key, A in each.items()}
+    motion = {f"{name}_{key}": A for name, one in motions.items() for key, A in one.items()}
     stuck = Condition(stuck=True, heave=heaves[0])
     plane = outline(testbed, stuck), path_rad, runs[stuck, Strategy("strict")].true
-    drawn = partial(figure, *plane, tables["spirals"], tables["arm"])
+    plot = partial(figure, *plane, tables["spirals"], tables["arm"])
     return Result(
         settings=origin(seed, arm=ARM_MJCF)
         | {
@@ -508,23 +510,23 @@ def limits(
         },
         tables=tables,
         checks=checks(**tables),
-        views=shown(**tables),
-        pictures=[Picture("limits", CAPTION, ALT, drawn)],
+        views=printed_tables(**tables),
+        pictures=[Picture("limits", CAPTION, ALT, plot)],
         arrays={"spirals.npz": spirals, "arm.npz": motion},
     )
 
 
 def over_strict(rows: list[dict[str, Any]], size: str) -> pd.DataFrame:
-    """The rows, with their error over that of strict priority in the same condition."""
+    """Add the error relative to strict priority in the same condition to the rows."""
     runs = pd.DataFrame(rows)
     strict = runs[runs.strategy == "strict"].set_index("condition")[size]
     return runs.assign(rms_over_strict=runs[size] / runs.condition.map(strict))
 
 
 def tuned_clipping(spirals: pd.DataFrame) -> pd.Series:
-    """Error of clipping over that of strict priority, with the best tracking time, by condition.
+    """Return the error of clipping over that of strict priority, with the best tracking time.
 
-    A rule that no user has: the time is chosen after the run, for that run.
+    The time is chosen in hindsight for each condition, which is impossible in practice.
     """
     return spirals[spirals.kind == "clipping"].groupby("condition").rms_over_strict.min()
 
@@ -532,45 +534,47 @@ def tuned_clipping(spirals: pd.DataFrame) -> pd.Series:
 def checks(
     spirals: pd.DataFrame, arm: pd.DataFrame, conditions: pd.DataFrame, out_of_reach: pd.DataFrame
 ) -> list[Check]:
-    """Limits, priority, recovery, stability, closure."""
-    flown, moved = spirals.set_index(["condition", "strategy"]), arm.set_index("strategy")
-    limited = flown[flown.kind != "unlimited"]
+    """Check limits, priority, recovery, stability and closure."""
+    by_strategy, arm_runs = spirals.set_index(["condition", "strategy"]), arm.set_index("strategy")
+    limited = by_strategy[by_strategy.kind != "unlimited"]
     settled = limited[limited.kind != "weighted"].drop("strict_winding_up", level="strategy")
-    winding_up = flown.xs("strict_winding_up", level="strategy").rms_over_strict
-    recovery_s = flown.xs("strict", level="strategy").recovery_s
+    winding_up = by_strategy.xs("strict_winding_up", level="strategy").rms_over_strict
+    recovery_s = by_strategy.xs("strict", level="strategy").recovery_s
     margin = conditions.set_index("condition").circle_margin
     excess = out_of_reach.set_index("strategy").excess_largest_percent["strict"]
     what = "RMS error of strict priority over that of clipping, tuned"
-    beyond_rad = moved.beyond_limit_rad.drop("unlimited")
+    beyond_rad = arm_runs.beyond_limit_rad.drop("unlimited")
     return [
         *check(what, 1 / tuned_clipping(spirals), 1.0),
         *check("RMS error with anti-windup over that without", 1 / winding_up, 1.0),
         *check("time from an attainable target to recovered pointing [s]", recovery_s, 0.5),
         *check("margin of the circle criterion below zero", -margin, 0.0),
-        *check("closure residual [m]", flown.closure_residual_max_m, CLOSURE_LIMIT_M),
-        *check("command beyond its limit [um]", limited.beyond_limit_um, 0.02),  # converter's step
+        *check("closure residual [m]", by_strategy.closure_residual_max_m, CLOSURE_LIMIT_M),
+        *check(
+            "command beyond its limit [um]", limited.beyond_limit_um, 0.02
+        ),  # a step of the converter
         *check("pointing error at rest afterwards [urad]", settled.rest_peak_urad, 5.0),
-        *check(what, 1 / moved.rms_over_strict["clipping"], 1.0, "arm"),
-        *check("peak error of strict priority [mrad]", moved.peak_mrad["strict"], 10.0, "arm"),
+        *check(what, 1 / arm_runs.rms_over_strict["clipping"], 1.0, "arm"),
+        *check("peak error of strict priority [mrad]", arm_runs.peak_mrad["strict"], 10.0, "arm"),
         *check("joint beyond its limit [rad]", beyond_rad, 1e-9, "arm"),
         *check("error of strict priority above the least [%]", excess, 1e-6, "out of reach"),
     ]
 
 
-def shown(
+def printed_tables(
     spirals: pd.DataFrame, arm: pd.DataFrame, conditions: pd.DataFrame, out_of_reach: pd.DataFrame
 ) -> list[TableView]:
-    """The printed tables."""
+    """Return the printed tables."""
     columns = "strategy rms_urad:.0f peak_urad:.0f attainable_rms_urad:.0f recovery_s:.2f "
     columns += "secondary_rms_um:.0f rms_over_strict:.3f"
-    flown = spirals.groupby("condition", sort=False)
+    groups = spirals.groupby("condition", sort=False)
     return [
-        *(TableView(f"Hexapod: {name}", group, columns) for name, group in flown),
+        *(TableView(f"Hexapod: {name}", group, columns) for name, group in groups),
         TableView(
-            "What is attainable in each condition",
+            "Attainable pointing in each condition",
             conditions,
             "condition least_rms_urad:.0f not_attainable_s:.2f circle_margin:.2f",
-            "heave: the payload is to be raised. attainable_rms: while the target is attainable. "
+            "heave: the payload is raised. attainable_rms: while the target is attainable. "
             "recovery: longest time for which an attainable target is missed by "
             f"{1e6 * RECOVERED_RAD:.0f} urad more than without limits.",
         ),
@@ -580,7 +584,7 @@ def shown(
             "strategy rms_mrad:.2f peak_mrad:.2f at_limit_s:.1f rms_over_strict:.2f",
         ),
         TableView(
-            "Hexapod, demands out of reach: error of the mapping alone above the least possible",
+            "Hexapod, infeasible demands: error of the mapping alone above the minimum",
             out_of_reach,
             "strategy excess_median_percent:.2g excess_largest_percent:.2g",
         ),
@@ -588,11 +592,11 @@ def shown(
 
 
 CAPTION = (
-    "Left: the hexapod with strut 1 stuck on a spiral that leaves what stroke and coil current "
-    "allow. Right: the error of each strategy over that of strict priority."
+    "Left: the hexapod with strut 1 stuck on a spiral beyond the limits of stroke and coil "
+    "current. Right: the error of each strategy over that of strict priority."
 )
 ALT = (
-    "Strict priority follows the outline of what is attainable. The best weight and the "
+    "Strict priority follows the outline of the attainable region. The best weight and the "
     "redistributed pseudo-inverse have the same error, clipping has more with any tracking time, "
     "and a weight that is too small many times the error."
 )
@@ -608,14 +612,14 @@ LOOKS = {
 def figure(
     corners: Array, path_rad: Array, true: Array, spirals: pd.DataFrame, arm: pd.DataFrame
 ) -> Figure:
-    """Strict priority with strut 1 stuck; errors over its own, by strategy and number chosen."""
+    """Plot strict priority with strut 1 stuck, and the errors of all strategies over its own."""
     figure = new_figure(PAGE_IN, 4.2)
     plane, errors = figure.subplots(1, 2, width_ratios=[0.8, 1])
     plane.fill(*1e3 * corners.T, color=GREEN, alpha=0.2, lw=0, label="attainable")
     plane.plot(*1e3 * path_rad.T, color=BLACK, ls="--", lw=0.8, label="desired")
     plane.plot(*1e3 * true.T, color=VERMILION, label="strict priority, strut 1 stuck")
     plane.set(xlabel="$\\alpha$, mrad", ylabel="$\\beta$, mrad", aspect="equal")
-    plane.set_title("Strict priority stays as near as limits allow")
+    plane.set_title("Strict priority stays as close as limits allow")
     limited = pd.concat([spirals, arm]).query("kind != 'unlimited'")
     names = list(limited.strategy.unique())
     for condition, group in limited.groupby("condition", sort=False):

@@ -1,4 +1,4 @@
-"""The study `release`: a strut without its coil, or without coil and spring; docs/theory.md."""
+"""Study `release`: a strut without coil force, or without coil and spring; docs/theory.md."""
 
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
@@ -39,10 +39,10 @@ from sim import Array, Failure, Plant, linearize, load_model
 from sim.mjcf import weightless
 from sim.plant import FailureKind
 
-STRUT = 0  # the one that fails, strut 1 as in the paper
-RATIOS = tuple(10.0**k for k in range(3, -4, -1))  # its suspension over its own flexures
-ASKED_RAD = np.array([100e-6, 0.0])  # of the payload at rest
-AT_REST_S = 8.0  # more than ten time constants of the softest motion: 110 N s/m on 197 N/m
+STRUT = 0  # that fails, strut 1 as in the paper
+RATIOS = tuple(10.0**k for k in range(3, -4, -1))  # stiffness of its suspension / its flexures
+COMMAND_RAD = np.array([100e-6, 0.0])  # of the payload at rest
+SETTLING_S = 8.0  # more than ten time constants of the softest motion: 110 N s/m on 197 N/m
 MISMATCH_LIMIT_PERCENT = 1.0  # largest difference between simulated and predicted motion
 
 EQUAL = Goal(joint_weight=(1.0,) * 6)
@@ -54,38 +54,38 @@ GOALS: dict[FailureKind, dict[str, Goal]] = {
         "as_locked": replace(EQUAL, locked_at={STRUT: 0.0}),
     },
 }
-"""Goals of the mapping, by failure and what it is told: nothing; the truth, and springs say where
-the strut goes; or that the strut's damper holds it at the centre."""
+"""Goals of the mapping, by failure and correction: none; for the failure, where springs determine
+the strut's position; or for a locked strut, as if its damper held it at the centre."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One spiral with a strut that fails, or not, at a time; the mapping is told then or never."""
+    """Parameters of a spiral: failure of strut 1, its time, and the correction of the mapping."""
 
     name: str
     kind: FailureKind | None = None
     time_s: float = 0.0
-    told: str = "uncorrected"
+    correction: str = "uncorrected"
     goal: Goal = EQUAL
 
     @property
     def failures(self) -> list[Failure]:
-        """What happens to the plant."""
+        """Failures of the plant."""
         return [] if self.kind is None else [Failure(STRUT, self.kind, self.time_s)]
 
 
 def cases(half_s: float) -> list[Case]:
-    """Without failure; strut 1 without coil, or coil and spring, from the start or `half_s`."""
+    """Return all spirals: healthy; strut 1 failed at the start or at `half_s`, all corrections."""
     times_s = {"from_start": 0.0, "in_flight": half_s}
     return [Case("sound")] + [
-        Case(f"{kind}_{when}_{told}", kind, time_s, told, goal)
+        Case(f"{kind}_{when}_{correction}", kind, time_s, correction, goal)
         for kind, (when, time_s) in product(GOALS, times_s.items())
-        for told, goal in GOALS[kind].items()
+        for correction, goal in GOALS[kind].items()
     ]
 
 
 class Spiral(NamedTuple):
-    """One spiral, its row, and the payload twists (N, 6) that are expected of its inputs."""
+    """Simulated spiral, its row, and the payload twists (N, 6) predicted from its inputs."""
 
     case: Case
     run: Run
@@ -95,18 +95,18 @@ class Spiral(NamedTuple):
     plant: dict[str, Any]
 
 
-def fly(rig: Rig, case: Case, path: Array, seed: int) -> Spiral:
-    """One spiral beside what the linear model and the elastic mapping expect of it.
+def simulate(rig: Rig, case: Case, path: Array, seed: int) -> Spiral:
+    """Simulate a spiral, and predict it with the linear model and the elastic mapping.
 
     Raises:
-        sim.SimulationDiverged: The physics left the finite numbers.
+        sim.SimulationDiverged: The state is not finite.
     """
-    informed = case.goal != EQUAL
-    controller = rig.reconfigured(EQUAL, case.goal, case.time_s) if informed else rig.controller()
+    is_known = case.goal != EQUAL
+    controller = rig.reconfigured(EQUAL, case.goal, case.time_s) if is_known else rig.controller()
     run = rig.fly(controller, path, failures=case.failures, seed=seed)
     command_m = rig.control.testbed.amplifier().displacements(run.inputs)
     faults = [Fault.of(failure) for failure in case.failures]
-    # Struts that lose their coil or spring keep the loops, and so the state goes on.
+    # Lost coils or springs do not change the loop closures: the state is continuous.
     onset = int(np.searchsorted(run.time_s, case.time_s))
     before = fault_model(rig.nominal).states(command_m[:onset])
     after = fault_model(rig.nominal, faults).states(command_m[onset:], before[-1])
@@ -121,7 +121,7 @@ def fly(rig: Rig, case: Case, path: Array, seed: int) -> Spiral:
         "name": case.name,
         "kind": case.kind,
         "failure_time_s": case.time_s if case.kind else None,
-        "told": case.told,
+        "told": case.correction,
         "duration_s": len(path) * rig.period_s,
         **{key: plant[key] for key in ("gravity_m_per_s2", "suspension_preload_n")},
     }
@@ -145,31 +145,31 @@ def fly(rig: Rig, case: Case, path: Array, seed: int) -> Spiral:
 
 
 def true_twist(run: Run) -> Array:
-    """True payload motion [alpha, beta, gamma, t_x, t_y, t_z], shape (N, 6)."""
+    """Return the true payload motion [alpha, beta, gamma, t_x, t_y, t_z], shape (N, 6)."""
     return np.hstack([run.true, secondary(run)])
 
 
 # The payload at rest.
 
 
-def rest_row(model: mujoco.MjModel, ratio: float) -> dict[str, Any]:
-    """Where the payload comes to rest, 100 urad of alpha asked for, strut 1 without its coil.
+def equilibrium_row(model: mujoco.MjModel, ratio: float) -> dict[str, Any]:
+    """Return the row of the payload at rest, 100 urad of alpha commanded, strut 1 without coil.
 
     Args:
-        model: The hexapod in orbit.
-        ratio: Suspension of strut 1 over what its own two flexures put up against its swing.
+        model: Hexapod without gravity.
+        ratio: Stiffness of strut 1's suspension over the lateral stiffness of its two flexures.
     """
     geometry = hexapod(model)
     length_m = np.linalg.norm((geometry.top_m - geometry.bottom_m)[STRUT])
     bends = [model.joint(f"{end}_bend_x{STRUT + 1}").id for end in ("bottom", "top")]
-    swing_n_per_m = model.jnt_stiffness[bends].sum() / length_m**2
-    soft = {STRUT: ratio * swing_n_per_m}
+    lateral_n_per_m = model.jnt_stiffness[bends].sum() / length_m**2
+    soft = {STRUT: ratio * lateral_n_per_m}
     failed = elastic_system(model, soft).with_failures(free=[STRUT]).kinematics()
-    sound = elastic_system(model).kinematics()
-    unaware = sound.velocity_mapping(MAJOR, joint_weight=np.ones(6))(ASKED_RAD)
-    informed = failed.expand(failed.velocity_mapping(MAJOR, joint_weight=np.ones(6))(ASKED_RAD))
-    others, column = unaware[failed.actuators], sound.J[:, STRUT]
-    strut = list(failed.passive).index(sound.active[STRUT])
+    healthy = elastic_system(model).kinematics()
+    uncorrected = healthy.velocity_mapping(MAJOR, joint_weight=np.ones(6))(COMMAND_RAD)
+    remapped = failed.expand(failed.velocity_mapping(MAJOR, joint_weight=np.ones(6))(COMMAND_RAD))
+    others, column = uncorrected[failed.actuators], healthy.J[:, STRUT]
+    strut = list(failed.passive).index(healthy.active[STRUT])
 
     def released() -> Plant:
         plant = Plant(model)
@@ -177,38 +177,38 @@ def rest_row(model: mujoco.MjModel, ratio: float) -> dict[str, Any]:
         plant.model.jnt_stiffness[model.actuator_trnid[STRUT, 0]] = soft[STRUT]
         return plant
 
-    # Here the coils are forces against springs, and the struts that still have one yield a little.
+    # Here coils are forces against springs, so that struts with coils are compliant.
     linear = linearize((plant := released()).model, plant.data)
     predicted = {
         "elastic": failed.J @ others,
-        "linear_model": -linear.C_twist @ np.linalg.solve(linear.A, linear.B @ unaware),
-        "as_if_locked": np.delete(sound.J, STRUT, axis=1) @ others,
+        "linear_model": -linear.C_twist @ np.linalg.solve(linear.A, linear.B @ uncorrected),
+        "as_if_locked": np.delete(healthy.J, STRUT, axis=1) @ others,
     }
-    twist, extension_m = at_rest(plant, unaware)
-    corrected, _ = at_rest(released(), informed)
-    off = {name: percent(twist - each, twist) for name, each in predicted.items()}
+    twist, extension_m = settle(plant, uncorrected)
+    corrected, _ = settle(released(), remapped)
+    error = {name: percent(twist - value, twist) for name, value in predicted.items()}
     return {
         "suspension_over_swing": ratio,
         "suspension_n_per_m": soft[STRUT],
-        "swing_n_per_m": swing_n_per_m,
-        # All of them against the strut's length, the other struts held.
+        "swing_n_per_m": lateral_n_per_m,
+        # Of all flexures for a change of the strut's length, the other struts fixed.
         "all_flexures_n_per_m": column @ strut_and_payload_stiffness(model)[6:, 6:] @ column,
         "alpha_simulated_urad": 1e6 * twist[0],
-        **{f"alpha_{name}_urad": 1e6 * each[0] for name, each in predicted.items()},
+        **{f"alpha_{name}_urad": 1e6 * value[0] for name, value in predicted.items()},
         "strut_1_simulated_um": 1e6 * extension_m,
         "strut_1_elastic_um": 1e6 * failed.passive_rates(others)[strut],
-        **{f"mismatch_{name}_percent": each for name, each in off.items()},
+        **{f"mismatch_{name}_percent": value for name, value in error.items()},
         "alpha_corrected_urad": 1e6 * corrected[0],
         "beta_corrected_urad": 1e6 * corrected[1],
         "worst_gain_rad_per_m": failed.manipulability(MAJOR).worst_gain,
     }
 
 
-def fall_row(model: mujoco.MjModel) -> dict[str, Any]:
-    """Where strut 1 goes on the ground when it loses its spring, and with it its preload."""
+def ground_row(model: mujoco.MjModel) -> dict[str, Any]:
+    """Return the row of the equilibrium with gravity when strut 1 loses spring and preload."""
     plant = Plant(model)
     plant.break_loose(STRUT)
-    twist, extension_m = at_rest(plant, np.zeros(6))
+    twist, extension_m = settle(plant, np.zeros(6))
     return {
         "strut_1_um": 1e6 * extension_m,
         "stop_um": 1e6 * model.jnt_range[model.joint(f"strut{STRUT + 1}").id, 0],
@@ -217,23 +217,23 @@ def fall_row(model: mujoco.MjModel) -> dict[str, Any]:
     }
 
 
-def at_rest(plant: Plant, command_m: Array) -> tuple[Array, float]:
-    """Payload twist and extension of the released strut once everything has come to rest."""
-    plant.step(command_m, AT_REST_S)
+def settle(plant: Plant, command_m: Array) -> tuple[Array, float]:
+    """Return the payload twist and the extension of the released strut at rest."""
+    plant.step(command_m, SETTLING_S)
     return plant.displacement(), float(plant.displacements()[STRUT])
 
 
-# All 3^6 conditions, with rigid and with elastic struts.
+# All 3^6 conditions, with rigid and elastic struts.
 
 
 def both(atlas: FailureAtlas) -> dict[str, Classes]:
-    """The classifications of an atlas with springs, by what the struts are."""
+    """Return the classifications of an atlas with rigid and with elastic struts."""
     assert atlas.elastic is not None  # the hexapod has springs
     return {"rigid": atlas, "elastic": atlas.elastic}
 
 
 def single_failure_row(atlas: FailureAtlas, strut: int, kind: str, struts: str) -> dict[str, Any]:
-    """What one failure leaves of pointing."""
+    """Return the row of a single failure: what remains of pointing."""
     classes, row = both(atlas)[struts], atlas.row(**{kind: [strut]})
     lost = classes.lost_secondary[row]
     return {
@@ -248,7 +248,7 @@ def single_failure_row(atlas: FailureAtlas, strut: int, kind: str, struts: str) 
 
 
 def atlas_row(atlas: FailureAtlas, struts: str) -> dict[str, Any]:
-    """In how many conditions the hexapod can point."""
+    """Return the row with the number of conditions in which the hexapod can point."""
     classes = both(atlas)[struts]
     return {
         "struts": struts,
@@ -259,13 +259,13 @@ def atlas_row(atlas: FailureAtlas, struts: str) -> dict[str, Any]:
 
 
 def atlas_arrays(atlas: FailureAtlas) -> dict[str, Array]:
-    """All classifications in one file; rows are conditions."""
-    named = {
+    """Return all classifications as arrays; rows are conditions."""
+    arrays = {
         f"{struts}_{field.name}": getattr(classes, field.name)
         for (struts, classes), field in product(both(atlas).items(), fields(Classes))
     }
-    # Without limits nothing is said of what they cost.
-    return {"codes": atlas.codes} | {name: A for name, A in named.items() if A is not None}
+    # Without limits some fields are None.
+    return {"codes": atlas.codes} | {name: A for name, A in arrays.items() if A is not None}
 
 
 # The study.
@@ -286,7 +286,7 @@ def release(
     six decades of suspension stiffness. 35 s on two cores, 15 s with --quick.
 
     Without its spring a strut has no preload, which carries the weight: those spirals, and the
-    payload at rest, are in orbit. On the ground the strut falls to its stop.
+    payload at rest, are without gravity. With gravity the strut falls to its stop.
 
     Writes release.json, its tables as release.md and Parquet, a figure, all 3^6 conditions
     (atlas.npz), and for each spiral its data (.npz) and its recording (.rrd).
@@ -298,40 +298,41 @@ def release(
     on_ground = hexapod_rig(replace(testbed, stiffness=strut_and_payload_stiffness(ground)))
     in_orbit = hexapod_rig(replace(on_ground.control.testbed, model=orbit))
     duration_s = bench.quick_duration_s if quick else bench.duration_s
-    shared = {"work": fly, "path": bench.spiral_rad(duration_s), "seed": seed}
+    shared = {"work": simulate, "path": bench.spiral_rad(duration_s), "seed": seed}
     calls = [
         shared | {"case": case, "rig": in_orbit if case.kind == "loose" else on_ground}
         for case in cases(duration_s / 2)
     ]
-    rests = [
-        {"work": rest_row, "model": orbit, "ratio": each} for each in RATIOS[:: 3 if quick else 1]
+    equilibria = [
+        {"work": equilibrium_row, "model": orbit, "ratio": ratio}
+        for ratio in RATIOS[:: 3 if quick else 1]
     ]
-    done = in_parallel(call, [*calls, *rests], on_progress)
+    done = in_parallel(call, [*calls, *equilibria], on_progress)
     spirals: list[Spiral] = done[: len(calls)]
     atlas = failure_atlas(elastic_system(ground), MAJOR)
     singles = product(range(6), ("locked", "free"), both(atlas))
     rows = {
-        "spirals": [each.row for each in spirals],
+        "spirals": [spiral.row for spiral in spirals],
         "sweep": done[len(calls) :],
-        "on_the_ground_without_spring": [fall_row(ground)],
-        "atlas": [atlas_row(atlas, each) for each in both(atlas)],
-        "single_failures": [single_failure_row(atlas, *each) for each in singles],
+        "on_the_ground_without_spring": [ground_row(ground)],
+        "atlas": [atlas_row(atlas, struts) for struts in both(atlas)],
+        "single_failures": [single_failure_row(atlas, *failure) for failure in singles],
     }
-    tables = {name: pd.DataFrame(each) for name, each in rows.items()}
+    tables = {name: pd.DataFrame(table) for name, table in rows.items()}
     settings = origin(seed) | {
         "jacobian": "constant",
         "duration_s": duration_s,
         "bench": asdict(bench) | plant_constants(ground),
     }
-    found, by_name = checks(**tables), {each.case.name: each for each in spirals}
+    checked, by_name = checks(**tables), {spiral.case.name: spiral for spiral in spirals}
     return Result(
         settings=settings,
         tables=tables,
-        checks=found,
-        views=shown(**tables),
+        checks=checked,
+        views=printed_tables(**tables),
         pictures=[Picture("release", CAPTION, ALT, partial(figure, tables["sweep"], by_name))],
         arrays={"atlas.npz": atlas_arrays(atlas)},
-        records=[partial(record, each, settings, found) for each in spirals],
+        records=[partial(record, spiral, settings, checked) for spiral in spirals],
     )
 
 
@@ -341,30 +342,30 @@ def checks(
     on_the_ground_without_spring: pd.DataFrame,
     **_: pd.DataFrame,
 ) -> list[Check]:
-    """Closure; motion, errors and rest positions against their predictions."""
-    flown, off = spirals.set_index("name"), MISMATCH_LIMIT_PERCENT
-    rests = sweep.set_index(sweep.suspension_over_swing.map("stiffness ratio {:g}".format))
-    predicted = flown.astype({f"predicted_{angle}_rms_urad": float for angle in ANGLES})
+    """Check closure, and motion, errors and rest positions against their predictions."""
+    by_name, limit = spirals.set_index("name"), MISMATCH_LIMIT_PERCENT
+    equilibria = sweep.set_index(sweep.suspension_over_swing.map("stiffness ratio {:g}".format))
+    predicted = by_name.astype({f"predicted_{angle}_rms_urad": float for angle in ANGLES})
     predicted = predicted.dropna(subset="predicted_alpha_rms_urad")
-    found = []
+    result = []
     for angle in ANGLES:
         model = predicted[f"predicted_{angle}_rms_urad"]
         error = (predicted[f"{angle}_rms_urad"] - model).abs() / model
         what = f"relative difference between the RMS error of {angle} and the linear model's"
-        found += check(what, error, prediction_tolerance(flown.duration_s.min()))
+        result += check(what, error, prediction_tolerance(by_name.duration_s.min()))
     for model in ("elastic", "linear_model"):
         what = f"difference between the {model.replace('_', ' ')} and the simulation [%]"
-        found += check(what, rests[f"mismatch_{model}_percent"], off)
-    motion = flown[flown.kind.notna()].motion_mismatch_linear_model_percent
-    error = (rests.alpha_corrected_urad - 1e6 * ASKED_RAD[0]).abs()
+        result += check(what, equilibria[f"mismatch_{model}_percent"], limit)
+    motion = by_name[by_name.kind.notna()].motion_mismatch_linear_model_percent
+    error = (equilibria.alpha_corrected_urad - 1e6 * COMMAND_RAD[0]).abs()
     fall = on_the_ground_without_spring.loc[0]
     from_stop = 100 * abs(fall.strut_1_um / fall.stop_um - 1)
     return [
-        *found,
-        *check("difference between the simulated motion and the linear model [%]", motion, off),
-        *check("closure residual [m]", flown.closure_residual_max_m, CLOSURE_LIMIT_M),
-        *check("pointing error of the corrected mapping [%]", error, off),
-        *check("distance of strut 1 from its stop [%]", from_stop, off, "without its spring"),
+        *result,
+        *check("difference between the simulated motion and the linear model [%]", motion, limit),
+        *check("closure residual [m]", by_name.closure_residual_max_m, CLOSURE_LIMIT_M),
+        *check("pointing error of the corrected mapping [%]", error, limit),
+        *check("distance of strut 1 from its stop [%]", from_stop, limit, "without its spring"),
     ]
 
 
@@ -378,8 +379,10 @@ HEADINGS = {
 }
 
 
-def shown(spirals: pd.DataFrame, sweep: pd.DataFrame, **_: pd.DataFrame) -> list[TableView]:
-    """The printed tables."""
+def printed_tables(
+    spirals: pd.DataFrame, sweep: pd.DataFrame, **_: pd.DataFrame
+) -> list[TableView]:
+    """Return the printed tables."""
     return [
         TableView(
             "Strut 1 without coil force: RMS of desired minus true angle, urad",
@@ -399,25 +402,27 @@ def shown(spirals: pd.DataFrame, sweep: pd.DataFrame, **_: pd.DataFrame) -> list
     ]
 
 
-def record(spiral: Spiral, settings: dict[str, Any], found: list[Check], folder: Path) -> None:
-    """Write the data of a spiral and its recording."""
-    case, told = spiral.case, spiral.case.told.replace("_", " ")
+def record(spiral: Spiral, settings: dict[str, Any], checked: list[Check], folder: Path) -> None:
+    """Write the data and the recording of a spiral."""
+    case, correction = spiral.case, spiral.case.correction.replace("_", " ")
     lost = {None: "no failure", "free": "coil lost", "loose": "coil and spring lost, in orbit"}
     predicted_rad = np.array([spiral.row[f"predicted_{angle}_rms_urad"] for angle in ANGLES]) / 1e6
     about = About(
         study="release",
         identity=f"release-{case.name}-seed{settings['seed']}",
         title=case.name,
-        notes=[f"Seed {settings['seed']}, constant Jacobian, W_a; {lost[case.kind]}, {told}."],
+        notes=[
+            f"Seed {settings['seed']}, constant Jacobian, W_a; {lost[case.kind]}, {correction}."
+        ],
         parameters=recording_properties(settings) | spiral.plant,
         compared={} if case.time_s else {"linear model": list(1e6 * predicted_rad)},
         predicted=(predicted_rad, predicted_rad),
-        checks=found,
+        checks=checked,
     )
-    further = {"linear": spiral.linear, "quasi_static": spiral.quasi_static}
-    arrays = hexapod_arrays(spiral.run) | further
+    predictions = {"linear": spiral.linear, "quasi_static": spiral.quasi_static}
+    arrays = hexapod_arrays(spiral.run) | predictions
     path = folder / f"{case.name}.rrd"
-    write_run(path, hexapod_rig(), spiral.run, about, arrays=arrays, known=told)
+    write_run(path, hexapod_rig(), spiral.run, about, arrays=arrays, known=correction)
 
 
 CAPTION = (
@@ -429,19 +434,19 @@ ALT = (
     "taken as locked disagrees where the suspension is soft. Below: t_x when the coil, or coil "
     "and spring, are lost during the spiral; simulation and linear model coincide."
 )
-DRAWN = {
+PLOTTED = {
     "free_in_flight_corrected": "coil force",
     "loose_in_flight_corrected": "coil force and spring",
 }
-"""The spirals of the figure, and what strut 1 loses."""
+"""Parts that strut 1 loses in the spirals of the figure, by name."""
 
 
 def figure(sweep: pd.DataFrame, spirals: dict[str, Spiral]) -> Figure:
-    """The payload at rest over stiffness, and strut 1 losing coil and spring in flight."""
+    """Plot the payload at rest over stiffness, and spirals with failures of strut 1."""
     figure, ratio = new_figure(PAGE_IN, 5.2), sweep.suspension_over_swing
     figure.suptitle("Strut 1 without its coil force: springs determine where the payload goes")
     (reached, off), lower = figure.subplots(2, 2)
-    reached.axhline(1e6 * ASKED_RAD[0], color=GREEN, lw=0.8, ls="--", label="commanded")
+    reached.axhline(1e6 * COMMAND_RAD[0], color=GREEN, lw=0.8, ls="--", label="commanded")
     for name, label, color, style in (
         ("corrected", "simulated, failure known to the mapping", GREEN, "s"),
         ("as_if_locked", "predicted as if strut 1 were locked", START, ":"),
@@ -463,7 +468,7 @@ def figure(sweep: pd.DataFrame, spirals: dict[str, Spiral]) -> Figure:
     off.legend(loc="center left", bbox_to_anchor=(0, 0.29))
     for axes in (reached, off):
         axes.set_xlabel("strut 1: stiffness of suspension / of flexures")
-    for axes, (name, lost) in zip(lower, DRAWN.items(), strict=True):
+    for axes, (name, lost) in zip(lower, PLOTTED.items(), strict=True):
         case, run, _, linear, static, _ = spirals[name]
         simulated = 1e6 * true_twist(run)[:, 3]
         axes.plot(run.time_s, simulated, color=MEASURED, lw=2, alpha=0.5, label="simulated")

@@ -1,7 +1,7 @@
-"""The registry: all studies, in reading order.
+"""Registry of all studies, in reading order.
 
-What takes long comes late. A study is imported when it is asked for: the list of commands does not
-wait for MuJoCo.
+A study is imported only when it is requested, so that the list of commands does not wait for
+MuJoCo.
 """
 
 from importlib import import_module
@@ -12,7 +12,7 @@ ROBOT = {
     "track": "Track a path with any robot while its actuators fail.",
     "survey": "Say what a robot, or an effectiveness matrix, can still do after each failure.",
 }
-"""Studies of a user's robot: the first line of each one's help, by its name."""
+"""First lines of the help of the studies of a user's robot, by name."""
 
 PAPER = {
     "table1": "Reproduce Table I and Figures 4 to 6 of the paper.",
@@ -29,7 +29,7 @@ PAPER = {
     "atlas": "Simulate the 138 failure conditions that differ by symmetry; compare them "
     "with theory.",
 }
-"""Studies of the paper and of what goes beyond it, likewise."""
+"""First lines of the help of the studies of the paper and its extensions, by name."""
 
 LINES = ROBOT | PAPER
 
@@ -41,10 +41,10 @@ _MODULES = {
 
 
 def command_of(name: str) -> list[str]:
-    """The words of a study's command without options."""
+    """Return the words of a study's command, without options."""
     return ["fjh", *(["paper"] if name not in ROBOT else []), name]
 
 
 def study(name: str) -> Study:
-    """The function of a study; the import of its module takes up to a second."""
+    """Import and return the function of a study, which takes up to a second."""
     return getattr(import_module(_MODULES.get(name, f"{__package__}.{name}")), name)

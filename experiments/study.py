@@ -1,4 +1,4 @@
-"""The rows of many runs: kept as they finish, and continued where they stopped."""
+"""Rows of many runs: saved as they finish, and resumable after an interruption."""
 
 import json
 import os
@@ -28,7 +28,10 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Where:
-    """Where runs are done, and whether they go on; `resume` None is "if they are the same runs"."""
+    """Options for where runs are simulated, and whether unfinished ones are resumed.
+
+    With `resume` None they are resumed if they are the same runs.
+    """
 
     scheduler: Annotated[
         str | None,
@@ -51,7 +54,7 @@ class Where:
     ] = False
 
     def __post_init__(self) -> None:
-        """Refuse what is no address, and both at once."""
+        """Check the address, and that it is not combined with a number of workers."""
         if self.scheduler is not None and not re.fullmatch(r"\S+", self.scheduler):
             raise WrongInput(f"--scheduler must be an address, got {self.scheduler!r}")
         if self.scheduler and self.workers:
@@ -59,14 +62,14 @@ class Where:
 
 
 HERE = Where()
-"""On this computer, from the beginning."""
+"""Default options: on this computer, from the beginning."""
 
 
-def basis_of(**drawn_from: Any) -> dict[str, Any]:
-    """All that rows depend on, ready for JSON: what runs are drawn from, code and versions."""
+def basis_of(**sampling: Any) -> dict[str, Any]:
+    """Return all that rows depend on, ready for JSON: sampling parameters, code and versions."""
     numbers = {"pyarrow": version("pyarrow"), "pandas": version("pandas"), **versions()}
-    own = {"code_sha256": code_sha256(), "model_sha256": model_sha256(), "processor": processor()}
-    return plain({**drawn_from, **own, "versions": numbers})
+    hashes = {"code_sha256": code_sha256(), "model_sha256": model_sha256()}
+    return plain({**sampling, **hashes, "processor": processor(), "versions": numbers})
 
 
 def rows_of(
@@ -79,47 +82,47 @@ def rows_of(
     folder: Path,
     on_progress: OnProgress,
 ) -> pd.DataFrame:
-    """The rows of all runs, those done before included, in the order of their column `case`.
+    """Simulate all runs that are not finished yet; return all rows, ordered by their column `case`.
 
-    They are the same to the last bit for any number of workers and interruptions.
+    The rows are the same to the last bit for any number of workers and interruptions.
 
     Args:
-        runs: Numbered from 0; each so small that it can be sent to any machine.
-        row_of: Makes the row of a run: a function that workers can import. What rows lack, or
-            have as None, is NaN.
-        basis: Of :func:`basis_of`.
-        where: Where runs are done, and whether they go on.
-        name: Of the study.
-        folder: Of its results, where rows are kept.
-        on_progress: Called with the number of finished and of all runs.
+        runs: Parameters of the runs, numbered from 0; small, since they are sent to the workers.
+        row_of: Function that makes the row of a run, importable by workers. Missing entries and
+            None become NaN.
+        basis: Result of :func:`basis_of`.
+        where: Options for where runs are simulated, and whether unfinished ones are resumed.
+        name: Name of the study.
+        folder: Folder of its results, where rows are saved.
+        on_progress: Function called with the number of finished and of all runs.
 
     Raises:
-        WrongInput: The folder has finished runs of something else, or which shall not be resumed.
-        Interrupted: By Ctrl-C; finished runs are kept.
-        Unsound: A run failed in a way that no row foresees, or a worker was killed; likewise.
-        OutputError: The disk or the folder refuses.
+        WrongInput: The folder has finished runs of another study, or runs not to be resumed.
+        Interrupted: Ctrl-C; finished runs are saved.
+        Unsound: A run failed unexpectedly, or a worker was killed; finished runs are saved.
+        OutputError: The folder cannot be written.
     """
-    file, kept = folder / UNFINISHED, _kept(name, folder, basis, where.resume)
-    rows = {row["case"]: row for row in kept if row["case"] < len(runs)}
+    file, saved = folder / UNFINISHED, _saved(name, folder, basis, where.resume)
+    rows = {row["case"]: row for row in saved if row["case"] < len(runs)}
     missing = [number for number in range(len(runs)) if number not in rows]
     on_progress(len(rows), len(runs))
     try:
-        # Nothing is written before a worker has answered.
-        for row in _made(runs, missing, row_of, where):
+        # Nothing is written before the first worker has returned a row.
+        for row in _simulated(runs, missing, row_of, where):
             _append(file, [row] if file.exists() else [basis, *rows.values(), row])
             rows[row["case"]] = row
             on_progress(len(rows), len(runs))
     except KeyboardInterrupt:
-        done = f"{len(rows)} of {len(runs)} runs are kept; --resume continues"
+        done = f"{len(rows)} of {len(runs)} runs are saved; --resume continues"
         raise Interrupted(f"interrupted: {done}") from None
     except Unsound as error:
-        kept_too = "; finished runs are kept, and --resume continues" if file.exists() else ""
-        raise Unsound(f"{error}{kept_too}") from None
+        advice = "; finished runs are saved, and --resume continues" if file.exists() else ""
+        raise Unsound(f"{error}{advice}") from None
     return frame_of([rows[number] for number in sorted(rows)])
 
 
 def frame_of(rows: Sequence[Row]) -> pd.DataFrame:
-    """Rows as a data frame; what is missing is NaN."""
+    """Return rows as a data frame; missing entries are NaN."""
     frame = pd.DataFrame(rows)
     return frame.where(frame.notna(), np.nan).infer_objects()
 
@@ -133,7 +136,7 @@ def _append(file: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         raise OutputError(f"{file} could not be written: {error.strerror}") from None
 
 
-def _made(
+def _simulated(
     runs: Sequence[Any], numbers: Sequence[int], row_of: Callable[[Any], Row], where: Where
 ) -> Iterator[Row]:
     if not numbers:
@@ -142,24 +145,28 @@ def _made(
     calls = ({"row_of": row_of, "run": runs[number]} for number in numbers)
     with cluster(where.scheduler) if where.scheduler else processes(count) as pool:
         for _, row in finished(pool, row_of_run, calls):
-            yield plain(row)  # as it is read again: no row shall depend on whether it was kept
+            yield plain(row)  # the same whether it is new or read from the file
 
 
 def row_of_run(row_of: Callable[[Any], Row], run: Any) -> Row:
-    """The row of a run, on a worker; an `Unsound` says which run failed, why, and where."""
+    """Return the row of a run, on a worker.
+
+    Raises:
+        Unsound: The run failed; the message has its number, the error and the line of code.
+    """
     try:
         return row_of(run)
     except Exception as error:
         [*_, last] = extract_tb(error.__traceback__)
         why = f"{type(error).__name__} in {Path(last.filename).name}, line {last.lineno}"
-        said = " ".join(str(error).split())
-        raise Unsound(f"run {run.number} failed: {why}: {said}") from None
+        text = " ".join(str(error).split())
+        raise Unsound(f"run {run.number} failed: {why}: {text}") from None
 
 
-def _kept(name: str, folder: Path, basis: Mapping[str, Any], resume: bool | None) -> list[Row]:
-    """Rows of finished runs in the folder: unfinished ones, else those of its published results.
+def _saved(name: str, folder: Path, basis: Mapping[str, Any], resume: bool | None) -> list[Row]:
+    """Return rows of finished runs: those of an unfinished study, else of published results.
 
-    If they are of something else, and this is no reason to refuse, the unfinished are removed.
+    Rows of other runs are removed if `resume` is None, and otherwise an error.
     """
     file, index = folder / UNFINISHED, folder / f"{name}.json"
     again = f"to start again, remove {file}"
@@ -179,15 +186,15 @@ def _kept(name: str, folder: Path, basis: Mapping[str, Any], resume: bool | None
     if not changed:
         return [plain(row) for row in rows]
     if resume:
-        said = f"it has another {', '.join(changed)}"
-        raise WrongInput(f"--resume cannot continue the runs in {folder}: {said}")
+        text = f"they have another {', '.join(changed)}"
+        raise WrongInput(f"--resume cannot continue the runs in {folder}: {text}")
     file.unlink(missing_ok=True)
     return []
 
 
 def _lines(file: Path) -> list[Row]:
-    """What the lines of a file hold; a last one that was not written to its end is removed."""
-    *whole, torn = check_file(file).read_bytes().split(b"\n")
-    if torn:
-        os.truncate(file, file.stat().st_size - len(torn))
-    return [json.loads(line) for line in whole]
+    """Return the rows in the lines of a file; remove an incomplete last line."""
+    *complete, incomplete = check_file(file).read_bytes().split(b"\n")
+    if incomplete:
+        os.truncate(file, file.stat().st_size - len(incomplete))
+    return [json.loads(line) for line in complete]

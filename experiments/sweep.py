@@ -1,4 +1,4 @@
-"""The studies `sweep` and `atlas`: many loops beside the linear model; docs/priorities.md."""
+"""Studies `sweep` and `atlas`: closed loops compared with the linear model; docs/priorities.md."""
 
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -51,46 +51,46 @@ MEASURED = (
 COLUMNS = ("status", "message", "diverged_at_s", "dac_step_urad", "predicted_pole_radius")
 
 TOLERANCE = 0.01
-"""Largest relative distance of an RMS from the linear model's under the same noise, beside one step
-of the converters. Of 40 runs of varied weights, failures, loops, noise and converters the furthest
-used 44 % of both."""
-MOST_POINTS = 2000  # of a figure: more cannot be told apart
+"""Largest relative distance of an RMS from the linear model's under the same noise, in addition to
+one step of the converters. The largest distance of 40 runs with varied weights, failures, loops,
+noise and converters was 44 % of both together."""
+MOST_POINTS = 2000  # in a figure: more cannot be distinguished
 
 MIRROR = (1, 0, 5, 4, 3, 2)
-"""The strut in whose place each strut comes, by a symmetry of the machine."""
-VERDICTS = {
+"""Permutation of the struts by a mirror symmetry of the machine."""
+CLASSES = {
     "rigid": ("pointing exact", BLUE),
     "springs": ("exact with springs only", SKY),
     "drifts": ("payload drifts", PURPLE),
     "one_direction": ("one direction left", VERMILION),
     "none": ("none left", BLACK),
 }
-"""What is left of pointing in the atlas, in words and colours."""
+"""Labels and colours of the classes of conditions, by what is left of pointing."""
 
 
 # A run and its row.
 
 
 @cache
-def machine() -> tuple[mujoco.MjModel, Array, tuple[Any, Array]]:
-    """The hexapod, where free struts go (12, 12), and the plant of its loops: once a process."""
+def hexapod_plant() -> tuple[mujoco.MjModel, Array, tuple[Any, Array]]:
+    """Return the hexapod, its stiffness (12, 12), and the plant of its loops, once per process."""
     model = load_model()
     return model, fault_tolerance.strut_and_payload_stiffness(model), nominal_plant(model)
 
 
 def row_of(run: SweepRun) -> Row:
-    """The row of a run, which is simulated here.
+    """Simulate a run; return its row.
 
     Returns:
-        Its parameters, its `status`, and what was measured, as far as there is any. A run to the
-        end has the status of its mapping, "exact" where it meets the pointing task, or "unstable",
-        if the linear model's loop is. Others are "diverged": the physics left the finite numbers;
-        or "refused": the loops cannot be closed on this bench, or physics not stepped at its rate.
+        Its parameters, `status` and measured quantities, if any. A completed run has the status of
+        its mapping, "exact" if that performs the pointing task, or "unstable", if the linear
+        model's loop is. Others are "diverged": the state is not finite; or "refused": the loops
+        cannot be closed on this bench, or the physics cannot be stepped at its rate.
     """
-    model, stiffness, _ = machine()
+    model, stiffness, _ = hexapod_plant()
     row = run.parameters() | dict.fromkeys((*COLUMNS, *PREDICTED, *MEASURED))
     try:
-        # As it is after the failures, at J_0.
+        # The mapping after the failures, at J_0.
         mapping = StrutMapping(hexapod(model), run.reconfigured, "constant", stiffness)
         predicted = _predicted(run)
         status = mapping.at(mapping.nominal).mapping.status
@@ -98,16 +98,16 @@ def row_of(run: SweepRun) -> Row:
         row["dac_step_urad"] = _dac_step_urad(run, mapping)
         if predicted and PREDICTED[0] not in predicted:
             row["status"] = "unstable"
-        return row | measured(simulated(run))
-    except SimulationDiverged as diverged:
-        found = {"status": "diverged", "message": str(diverged), "diverged_at_s": diverged.time_s}
-        return row | found
-    except ModelError as refused:
-        return row | {"status": "refused", "message": str(refused)}
+        return row | measured_columns(simulate_run(run))
+    except SimulationDiverged as error:
+        row |= {"status": "diverged", "message": str(error)}
+        return row | {"diverged_at_s": error.time_s}
+    except ModelError as error:
+        return row | {"status": "refused", "message": str(error)}
 
 
-def simulated(run: SweepRun) -> Run:
-    """The run; raises as the simulation does."""
+def simulate_run(run: SweepRun) -> Run:
+    """Simulate a run; errors of the simulation are raised."""
     rig, path = _rig(run), run.bench.spiral_rad(run.duration_s)
     controller = rig.controller()
     if run.known and run.failure_time_s > 0 and run.failures:
@@ -116,23 +116,23 @@ def simulated(run: SweepRun) -> Run:
 
 
 def _rig(run: SweepRun) -> Rig:
-    """The hexapod with what the mapping knows from the start as goal."""
+    """Return the hexapod with the initial goal of a run."""
     goal = run.reconfigured if run.failure_time_s == 0 else run.goal
     return pursuing(_rig_of(run.bench), goal, jacobian=run.jacobian)
 
 
 @lru_cache(maxsize=8)
 def _rig_of(bench: TestbedConfig) -> Rig:
-    """The hexapod with these constants, linearized and settled once for all its runs."""
-    model, stiffness, plant = machine()
+    """Return the hexapod with these constants, linearized and settled once for all its runs."""
+    model, stiffness, plant = hexapod_plant()
     return hexapod_rig(Testbed(model, bench, designed(*plant, bench), stiffness))
 
 
 def _predicted(run: SweepRun) -> Row:
-    """Largest pole of the linear, sampled loop, and the RMS errors if the loop is stable.
+    """Return the largest pole of the linear, sampled loop, and the RMS errors if it is stable.
 
-    Empty where the plant is not the linear model's: it changes during the run, or a strut falls on
-    its stop, as one without its spring does.
+    The row is empty if the linear model does not apply: the plant changes during the run, or a
+    strut without spring falls to its stop.
     """
     if any(failure.time_s > 0 or failure.kind == "loose" for failure in run.failures):
         return {}
@@ -142,20 +142,20 @@ def _predicted(run: SweepRun) -> Row:
         return row
     path = run.bench.spiral_rad(run.duration_s)
     noise = detector_noise_rad(run.bench, run.seed, len(path))
-    found = rig.predict(path, failures=run.failures, told=False, noise=noise)
-    return row | dict(zip(PREDICTED, (1e6 * rms(found.error)).tolist(), strict=True))
+    predicted_run = rig.predict(path, failures=run.failures, told=False, noise=noise)
+    return row | dict(zip(PREDICTED, (1e6 * rms(predicted_run.error)).tolist(), strict=True))
 
 
 def _dac_step_urad(run: SweepRun, mapping: StrutMapping) -> float:
-    """Pointing moved by one step of one strut's converter: the loops cannot command less."""
-    amplifier = run.bench.amplifier(newton_per_m=float(machine()[0].actuator_gainprm[0, 0]))
+    """Return the largest pointing change [urad] by one step of one strut's converter."""
+    amplifier = run.bench.amplifier(newton_per_m=float(hexapod_plant()[0].actuator_gainprm[0, 0]))
     step_m = amplifier.displacements(np.eye(6) * 100 / 2 ** (run.bench.dac_bits - 1))
     steps_rad = [mapping.major_motion(strut_m, NOMINAL) for strut_m in step_m]
     return 1e6 * float(np.linalg.norm(steps_rad, axis=1).max())
 
 
-def measured(run: Run) -> Row:
-    """What the row has of a run to the end."""
+def measured_columns(run: Run) -> Row:
+    """Return the measured quantities of a completed run."""
     values = (
         1e6 * run.rms(),
         1e6 * np.abs(run.error).max(0),
@@ -168,32 +168,35 @@ def measured(run: Run) -> Row:
     return dict(zip(MEASURED, np.concatenate(values).tolist(), strict=True))
 
 
-def again(summary: dict[str, Any]) -> tuple[list[SweepRun], Callable[[SweepRun], tuple[Row, Run]]]:
-    """The runs that a `sweep.json` or an `atlas.json` is of, and what flies one once more.
+def repeatable_runs(
+    summary: dict[str, Any],
+) -> tuple[list[SweepRun], Callable[[SweepRun], tuple[Row, Run]]]:
+    """Return the runs of a `sweep.json` or an `atlas.json`, and the function that repeats one.
 
     Raises:
-        WrongInput: They are more than a design may have.
+        WrongInput: There are more than a design may have.
     """
     design = Design(**summary["basis"]["design"])
     if design.runs > MOST_RUNS:
         raise WrongInput(f"a design has at most {MOST_RUNS} runs, got {design.runs}")
-    return runs_of(design, summary["basis"]["seed"]), fly
+    return runs_of(design, summary["basis"]["seed"]), repeat
 
 
-def fly(run: SweepRun) -> tuple[Row, Run]:
-    """What is measured of the run, and the run."""
-    whole = simulated(run)
-    return measured(whole), whole
+def repeat(run: SweepRun) -> tuple[Row, Run]:
+    """Simulate a run again; return its measured quantities and the run."""
+    simulated = simulate_run(run)
+    return measured_columns(simulated), simulated
 
 
-# Rows beside the linear model.
+# Comparison with the linear model.
 
 
-def beside_model(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows, and how far they are off the linear model.
+def compare_with_model(rows: pd.DataFrame) -> pd.DataFrame:
+    """Add columns with the distance from the linear model to the rows.
 
-    Columns: `off_percent`, of the predicted RMS, the larger of both angles; `off_over_allowed`, one
-    and more being too much; `compared`, whether a run can be: predicted, completed, not saturated.
+    Columns: `off_percent`, relative to the predicted RMS, the larger of both angles;
+    `off_over_allowed`, too large from 1 on; `compared`, whether a run is predicted, completed and
+    not saturated.
     """
     predicted = rows[PREDICTED].to_numpy(float)
     off = np.abs(rows[RMS].to_numpy(float) - predicted)
@@ -205,53 +208,54 @@ def beside_model(rows: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def prediction(beside: pd.DataFrame) -> pd.DataFrame:
-    """All runs that the linear model covers, in one row."""
-    found = beside[beside.compared]
+def prediction(rows: pd.DataFrame) -> pd.DataFrame:
+    """Summarize all runs that the linear model covers in one row."""
+    covered = rows[rows.compared]
     row = {
-        "compared": len(found),
-        "off": (found.off_over_allowed >= 1).sum(),
-        "median_percent": found.off_percent.median(),
-        "largest_percent": found.off_percent.max(),
+        "compared": len(covered),
+        "off": (covered.off_over_allowed >= 1).sum(),
+        "median_percent": covered.off_percent.median(),
+        "largest_percent": covered.off_percent.max(),
     }
     return pd.DataFrame([row])
 
 
 def groups(rows: pd.DataFrame) -> pd.DataFrame:
-    """Errors by the number of struts that fail during a run, and whether the mapping is told."""
+    """Return errors by the number of struts that fail during a run, known to the mapping or not."""
     failures = rows.struts.str.count("[^S]").where(rows.failure_time_s < rows.duration_s, 0)
     measures = {
         f"{angle}_{word}_urad": (f"{angle}_rms_urad", partial(pd.Series.quantile, q=q))
         for angle in ANGLES
         for word, q in (("median", 0.5), ("percentile_95", 0.95))
     }
-    told = rows.known | (failures == 0)
-    grouped = rows.assign(failures=failures, told=told).groupby(["failures", "told"])
+    is_known = rows.known | (failures == 0)
+    grouped = rows.assign(failures=failures, told=is_known).groupby(["failures", "told"])
     return grouped.agg(runs=("case", "size"), **measures).reset_index()
 
 
 def influence(rows: pd.DataFrame, varied: list[str]) -> pd.DataFrame:
-    """Spearman's rank correlation of each quantity with the RMS errors, the strongest first.
+    """Return Spearman's rank correlation of each quantity with the RMS errors, largest first.
 
-    There is none with errors that are all alike, as where no limit is reached.
+    It is undefined, and left out, if all errors are equal.
     """
-    ended = rows[rows[RMS[0]].notna()]
-    errors = ended[RMS].set_axis([*ANGLES], axis=1).apply(ranks)
-    values = ended[varied].dropna(axis=1)
-    values = values.loc[:, (values.nunique() > 1) & (len(ended) > 2) & (errors.nunique() > 1).all()]
-    found = {angle: values.corrwith(errors[angle], method="spearman") for angle in ANGLES}
-    found = pd.DataFrame(found).rename_axis("name").reset_index()
-    return found.iloc[ascending(-found[[*ANGLES]].abs().max(axis=1))]
+    done = rows[rows[RMS[0]].notna()]
+    errors = done[RMS].set_axis([*ANGLES], axis=1).apply(ranks)
+    values = done[varied].dropna(axis=1)
+    values = values.loc[:, (values.nunique() > 1) & (len(done) > 2) & (errors.nunique() > 1).all()]
+    correlations = {angle: values.corrwith(errors[angle], method="spearman") for angle in ANGLES}
+    correlations = pd.DataFrame(correlations).rename_axis("name").reset_index()
+    return correlations.iloc[ascending(-correlations[[*ANGLES]].abs().max(axis=1))]
 
 
-def checks(beside: pd.DataFrame) -> list[Check]:
-    """RMS errors against the linear model, and closure residuals, of the runs that it covers."""
-    found = beside[beside.compared]
-    if found.empty:
+def checks(rows: pd.DataFrame) -> list[Check]:
+    """Check RMS errors against the linear model, and closure residuals, of the runs it covers."""
+    covered = rows[rows.compared]
+    if covered.empty:
         return []
-    worst, what = found.iloc[greatest(found.off_over_allowed)], "difference between the RMS error"
+    worst = covered.iloc[greatest(covered.off_over_allowed)]
+    what = "difference between the RMS error"
     what += f" and the linear model's, divided by {100 * TOLERANCE:g} % plus one converter step,"
-    gap_m = found.closure_residual_max_m.max(skipna=False)
+    gap_m = covered.closure_residual_max_m.max(skipna=False)
     return [
         *check(what, worst.off_over_allowed, 1.0, f"run {worst.case}"),
         *check("closure residual [m]", gap_m, CLOSURE_LIMIT_M, "all runs"),
@@ -261,14 +265,14 @@ def checks(beside: pd.DataFrame) -> list[Check]:
 # The sweep.
 
 
-def flown(
+def simulate_design(
     name: str, design: Design, seed: int, where: Where, folder: Path, on_progress: OnProgress
 ) -> tuple[dict[str, Any], pd.DataFrame]:
-    """Settings of the study of this name, and the rows of the design."""
-    basis, how = basis_of(design=asdict(design), seed=seed), {"name": name, "folder": folder}
-    rows = rows_of(runs_of(design, seed), row_of, basis, where, on_progress=on_progress, **how)
-    own = {"basis": basis, "runs": len(rows), "duration_s": design.duration_s}
-    return origin(seed) | own, rows.astype({"message": "string"})
+    """Simulate the runs of a design; return the settings of the study and the rows."""
+    basis, place = basis_of(design=asdict(design), seed=seed), {"name": name, "folder": folder}
+    rows = rows_of(runs_of(design, seed), row_of, basis, where, on_progress=on_progress, **place)
+    more = {"basis": basis, "runs": len(rows), "duration_s": design.duration_s}
+    return origin(seed) | more, rows.astype({"message": "string"})
 
 
 def sweep(
@@ -279,7 +283,7 @@ def sweep(
         Path | None,
         Option(
             metavar="FILE",
-            help="TOML file that says what is varied.  [default: experiments/sweep.toml]",
+            help="TOML file of the varied quantities.  [default: experiments/sweep.toml]",
         ),
     ] = None,
     where: Where = HERE,
@@ -292,43 +296,44 @@ def sweep(
     the testbed; each run is compared with the linear model. The default has 1000 runs of 4 s:
     10 to 30 minutes on two cores, 20 s with --quick.
 
-    Rows are kept in OUT/unfinished.jsonl as they finish: Ctrl-C leaves them, and --resume
-    continues. The numbers are identical to the bit for any number of workers and interruptions, on
-    processors of one kind.
+    Rows are saved in OUT/unfinished.jsonl as they finish: after Ctrl-C, --resume continues. The
+    numbers are identical to the bit for any number of workers and interruptions, on processors of
+    one kind.
 
-    Writes sweep.json, the rows as sweep.parquet, tables as sweep.md and Parquet, and a figure.
+    Writes sweep.json, the rows as sweep.parquet (docs/priorities.md lists its columns), tables as
+    sweep.md and Parquet, and a figure.
 
     Example: fjh paper sweep --quick --workers 2 --out /tmp/mine
     """
-    chosen = read_design(design and check_file(design))
+    selected = read_design(design and check_file(design))
     if quick:
-        chosen = replace(chosen, runs=min(chosen.runs, 40), duration_s=0.5)
-    settings, rows = flown("sweep", chosen, seed, where, folder, on_progress)
-    beside = beside_model(rows)
-    ranges = [name for name, factor in chosen.factors.items() if isinstance(factor, dict)]
+        selected = replace(selected, runs=min(selected.runs, 40), duration_s=0.5)
+    settings, rows = simulate_design("sweep", selected, seed, where, folder, on_progress)
+    compared = compare_with_model(rows)
+    ranges = [name for name, factor in selected.factors.items() if isinstance(factor, dict)]
     status = rows.status.value_counts().sort_index().rename("runs").reset_index()
     columns = ["failures", "told", "runs", "alpha", "alpha_p95", "beta", "beta_p95"]
-    told, found, ranked = groups(rows), prediction(beside), influence(rows, ranges)
+    by_failures, predicted, ranked = groups(rows), prediction(compared), influence(rows, ranges)
     return Result(
         settings,
-        {"groups": told, "status": status, "prediction": found, "influence": ranked},
-        checks(beside),
+        {"groups": by_failures, "status": status, "prediction": predicted, "influence": ranked},
+        checks(compared),
         views=[
             TableView(
-                "RMS error, urad, by the struts that fail during the run, and whether the mapping "
-                "is told: median and 95th percentile",
-                told.set_axis(columns, axis=1),
+                "RMS error, urad, by the number of struts that fail during the run, known (told) "
+                "or unknown to the mapping: median and 95th percentile",
+                by_failures.set_axis(columns, axis=1),
                 "failures told runs alpha:.3f alpha_p95:.3f beta:.3f beta_p95:.3f",
             ),
-            TableView("How the runs ended", status, "status runs"),
+            TableView("Status of the runs", status, "status runs"),
             TableView(
-                "RMS errors beside the linear model's, over the runs that it covers",
-                found,
+                "RMS errors compared with the linear model's, for the runs that it covers",
+                predicted,
                 "compared off median_percent:.2g largest_percent:.2g",
                 f"off: by more than {100 * TOLERANCE:g} % and one step of the converters.",
             ),
             TableView(
-                "Spearman's rank correlation of what is varied with the RMS error",
+                "Spearman's rank correlation of varied quantities with the RMS error",
                 ranked,
                 "name alpha:+.2f beta:+.2f",
             ),
@@ -336,39 +341,39 @@ def sweep(
         pictures=[
             Picture(
                 "sweep",
-                "RMS errors, simulated and of the linear model, which leaves out the steps of the "
-                "converters; and what the errors of all runs depend on.",
+                "RMS errors, simulated and of the linear model, which neglects the steps of the "
+                "converters; and their rank correlation with the varied quantities.",
                 "On the left points on the diagonal, some hollow ones just above it; on the right "
                 "pairs of bars, the longest on top.",
-                partial(figure, beside, ranked),
+                partial(figure, compared, ranked),
             )
         ],
         rows=rows,
     )
 
 
-def figure(beside: pd.DataFrame, influence: pd.DataFrame) -> Figure:
-    """Both RMS errors over their predictions; bars of rank correlation."""
+def figure(compared: pd.DataFrame, influence: pd.DataFrame) -> Figure:
+    """Plot both RMS errors over their predictions, and bars of rank correlation."""
     figure = new_figure(PAGE_IN, max(3.2, 1.2 + 0.15 * len(influence)))
     left, right = figure.subplots(1, 2)
-    found, rows = beside[beside.compared], np.arange(len(influence))
-    points = found.iloc[:: max(1, len(found) // MOST_POINTS)]
+    covered, rows = compared[compared.compared], np.arange(len(influence))
+    points = covered.iloc[:: max(1, len(covered) // MOST_POINTS)]
     dot, ring = {"ms": 2, "mew": 0}, {"ms": 3.5, "mew": 0.6, "mfc": "none"}
     for k, (angle, color) in enumerate(zip(ANGLES, (BLUE, VERMILION), strict=True)):
         far = (points[RMS[k]] / points[PREDICTED[k]] - 1).abs() > TOLERANCE
         for which, style, what in ((~far, dot, "within"), (far, ring, "off by more than")):
-            some, label = points[which], f"$\\{angle}$, {what} {100 * TOLERANCE:g} %"
-            left.plot(some[PREDICTED[k]], some[RMS[k]], "o", color=color, label=label, **style)
+            subset, label = points[which], f"$\\{angle}$, {what} {100 * TOLERANCE:g} %"
+            left.plot(subset[PREDICTED[k]], subset[RMS[k]], "o", color=color, label=label, **style)
         height, label = 0.4, f"$\\{angle}$"
         right.barh(rows + height * (k - 0.5), influence[angle], height, color=color, label=label)
     left.set(xlabel="RMS error, linear model, µrad", ylabel="RMS error, simulated, µrad")
-    if len(found):
+    if len(covered):
         span = np.nanmin(points[PREDICTED]), np.nanmax(points[PREDICTED])
         left.plot(span, span, color=BLACK, lw=0.6, zorder=0, label="equal")
         logarithmic(left, "xy")
-        agree, median = (found.off_over_allowed < 1).sum(), found.off_percent.median()
-        said = f"The error is as predicted in {agree} of {len(found)} runs:"
-        left.set_title(f"{said}\nmedian difference {median:.2g} %")
+        agree, median = (covered.off_over_allowed < 1).sum(), covered.off_percent.median()
+        text = f"The error is as predicted in {agree} of {len(covered)} runs:"
+        left.set_title(f"{text}\nmedian difference {median:.2g} %")
     right.set(xlabel="Spearman's rank correlation", xlim=(-1, 1), ylim=(len(rows) - 0.4, -0.6))
     right.set(xticks=(-1, -0.5, 0, 0.5, 1), yticks=rows, yticklabels=influence.name)
     if len(influence):
@@ -400,7 +405,8 @@ def atlas(
     the linear model. Nine minutes on two cores, one with --quick. Clusters, interruption and
     --resume are as in fjh sweep.
 
-    Writes atlas.json, the rows as atlas.parquet, tables as atlas.md and Parquet, and a figure.
+    Writes atlas.json, the rows as atlas.parquet (docs/priorities.md lists its columns), tables as
+    atlas.md and Parquet, and a figure.
 
     Example: fjh paper atlas --quick
     """
@@ -411,26 +417,26 @@ def atlas(
     }
     runs = prod(map(len, factors.values()))
     design = Design("grid", runs, 0.5 if quick else 2.0, factors)
-    settings, rows = flown("atlas", design, seed, where, folder, on_progress)
+    settings, rows = simulate_design("atlas", design, seed, where, folder, on_progress)
     rows = rows.assign(**classified().loc[rows.struts].reset_index(drop=True))
-    beside = beside_model(rows)
-    found, off = verdicts(beside), disagreements(beside)
+    compared = compare_with_model(rows)
+    classes, contradictions = class_table(compared), disagreements(compared)
     columns = ["verdict", "jacobian", "runs", "model_alpha", "alpha", "model_beta", "beta"]
     return Result(
         settings | {"conditions": len(factors["struts"]), "weights": factors["weight"]},
-        {"verdicts": found, "disagreements": off},
-        atlas_checks(beside),
+        {"verdicts": classes, "disagreements": contradictions},
+        atlas_checks(compared),
         views=[
             TableView(
-                "RMS error, urad, by what is left of pointing: medians, and of the linear model",
-                found.set_axis([*columns, "compared", "off"], axis=1),
+                "Median RMS error, urad, simulated and of the linear model, by class of condition",
+                classes.set_axis([*columns, "compared", "off"], axis=1),
                 "verdict jacobian runs model_alpha:.3f alpha:.3f model_beta:.3f beta:.3f off:.2f",
                 "off: largest difference from the model, in percent, converter steps included, of "
                 "runs without saturated amplifiers.",
             ),
             TableView(
-                "Runs off the linear model, explained by a singularity of the nominal pose or not",
-                off,
+                "Runs off the linear model; explained: by a singularity of the nominal pose",
+                contradictions,
                 "struts weight jacobian verdict off_over_allowed:.3g explained",
             ),
         ],
@@ -440,9 +446,9 @@ def atlas(
                 "The failure conditions that differ by symmetry, each with the weight and Jacobian "
                 "of its largest error. Crosses are singular at the nominal pose only: near it the "
                 "mapping has a gain of 1e5, and amplifiers saturate.",
-                "Over the number of failed struts: points with both pointing directions left on "
+                "Over the number of failed struts: points with both pointing directions left at "
                 "one low level, the others ten times as high, some crosses far above.",
-                partial(atlas_figure, beside),
+                partial(atlas_figure, compared),
             )
         ],
         rows=rows,
@@ -450,19 +456,19 @@ def atlas(
 
 
 def representatives() -> list[str]:
-    """The first of each set of conditions that turning by 120 degrees and mirroring make equal."""
+    """Return one condition of each set that is equal by rotations of 120 degrees and mirroring."""
 
     def first(condition: str) -> str:
         turned = [condition[k:] + condition[:k] for k in (0, 2, 4)]
-        mirrored = ["".join(each[k] for k in MIRROR) for each in turned]
-        return max(turned + mirrored)  # S, L, F: backwards in the alphabet
+        mirrored = ["".join(codes[k] for k in MIRROR) for codes in turned]
+        return max(turned + mirrored)  # S, L, F: in reverse alphabetical order
 
-    return [each for each in every_condition(6) if first(each) == each]
+    return [condition for condition in every_condition(6) if first(condition) == condition]
 
 
 @cache
 def classified() -> pd.DataFrame:
-    """The classification of all 729 conditions, by their letters; (alpha, beta) is the task."""
+    """Classify all 729 conditions for the task (alpha, beta); the index is the condition code."""
     atlas = failure_atlas(fault_tolerance.elastic_system(load_model()), MAJOR)
     elastic = atlas.elastic
     assert elastic is not None  # the hexapod has springs
@@ -479,14 +485,14 @@ def classified() -> pd.DataFrame:
     return pd.DataFrame(columns, index=pd.Index(every_condition(6)))
 
 
-def verdicts(beside: pd.DataFrame) -> pd.DataFrame:
-    """Prediction and simulation of each verdict with each Jacobian."""
+def class_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return medians of prediction and simulation for each class with each Jacobian."""
     medians = {
         f"{source}_{angle}_median_urad": (names[k], "median")
         for k, angle in enumerate(ANGLES)
         for source, names in (("predicted", PREDICTED), ("simulated", RMS))
     }
-    covered = beside.assign(off_percent=beside.off_percent.where(beside.compared))
+    covered = rows.assign(off_percent=rows.off_percent.where(rows.compared))
     return (
         covered.groupby(["verdict", "jacobian"], sort=False)
         .agg(
@@ -499,55 +505,55 @@ def verdicts(beside: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def disagreements(beside: pd.DataFrame) -> pd.DataFrame:
-    """Runs off their prediction, the farthest first: what theory explains, and what contradicts it.
+def disagreements(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the runs off their prediction, the largest distance first, explained by theory or not.
 
     Explained is a condition that has lost pointing, simulated with the Jacobian of the estimated
-    pose: its singularity is one of the nominal pose only. Beside it the mapping reaches the lost
-    direction with a gain of 1e5, and what the integrators wound up there saturates the amplifiers.
-    With the constant Jacobian the same condition must be as predicted, and so must all others.
+    pose: it is singular at the nominal pose only. Near that the mapping moves in the lost direction
+    with a gain of 1e5, and the wound-up integrators saturate the amplifiers. With the constant
+    Jacobian the same condition must be as predicted, and so must all others.
     """
-    # Runs that did not end, or have no prediction, are off as well.
-    agree = (beside.off_over_allowed < 1) & beside.compared
-    off = ~agree | ((beside.status == "exact") != beside.elastic_possible)
-    explained = ~beside.verdict.isin(POSSIBLE) & (beside.jacobian == "analytic")
-    found = beside.assign(explained=explained)[off]
+    # Runs that are not completed, or have no prediction, are off as well.
+    agrees = (rows.off_over_allowed < 1) & rows.compared
+    off = ~agrees | ((rows.status == "exact") != rows.elastic_possible)
+    explained = ~rows.verdict.isin(POSSIBLE) & (rows.jacobian == "analytic")
+    off_rows = rows.assign(explained=explained)[off]
     columns = ["case", "struts", "weight", "jacobian", "verdict", "status"]
     columns += [*PREDICTED, *RMS, "off_over_allowed", "explained"]
-    return found.iloc[ascending(-found.off_over_allowed.fillna(inf))][columns]
+    return off_rows.iloc[ascending(-off_rows.off_over_allowed.fillna(inf))][columns]
 
 
-def atlas_checks(beside: pd.DataFrame) -> list[Check]:
-    """Number of runs that contradict the classification, and closure residuals."""
-    where, found = "all conditions", disagreements(beside)
-    contradicted = found[~found.explained]
+def atlas_checks(rows: pd.DataFrame) -> list[Check]:
+    """Check the number of runs that contradict the classification, and closure residuals."""
+    where, off_rows = "all conditions", disagreements(rows)
+    contradicted = off_rows[~off_rows.explained]
     for run in contradicted.head(1).itertuples():
         where = f"{run.struts} with {run.weight} and the {run.jacobian} Jacobian"
     what = "number of runs that contradict the classification"
-    largest_m = beside.closure_residual_max_m[beside.compared].max(skipna=False)
+    largest_m = rows.closure_residual_max_m[rows.compared].max(skipna=False)
     return [
         *check(what, len(contradicted), 1, where),
         *check("closure residual [m]", largest_m, CLOSURE_LIMIT_M, "all runs"),
     ]
 
 
-def atlas_figure(beside: pd.DataFrame) -> Figure:
-    """Largest error of each condition, over the number of failed struts."""
+def atlas_figure(rows: pd.DataFrame) -> Figure:
+    """Plot the largest error of each condition over the number of failed struts."""
     figure = new_figure(COLUMN_IN, 3.6)
-    axes, error = figure.subplots(), beside[RMS].max(axis=1)
-    found = beside.assign(error=error, model=beside[PREDICTED].max(axis=1))[error.notna()]
-    found = found.iloc[ascending(-found.error)].drop_duplicates("struts")
-    alike = found.groupby("failures").struts
-    beyond = 0.7 * alike.cumcount() / (alike.transform("size") - 1).clip(lower=1) - 0.35
-    place = found.failures + beyond.where(alike.transform("size") > 1, 0.0)
-    singular = found.case.isin(disagreements(beside).query("explained").case)
-    for (verdict, off), some in found.groupby(["verdict", singular], sort=False):
-        (words, color), marker = VERDICTS[verdict], "x" if off else "o"
-        style = {"color": color, "mfc": "none", "label": words + ", singular pose" * off}
-        axes.plot(place[some.index], some.error, marker, **style)
-    axes.plot(place, found.model, "_", color=GREEN, label="linear model")
-    safe = beside.failures[~beside.elastic_possible].min() - 1
-    none, largest = (error[beside.failures <= count].max() for count in (0, safe))
+    axes, error = figure.subplots(), rows[RMS].max(axis=1)
+    plotted = rows.assign(error=error, model=rows[PREDICTED].max(axis=1))[error.notna()]
+    plotted = plotted.iloc[ascending(-plotted.error)].drop_duplicates("struts")
+    same_count = plotted.groupby("failures").struts
+    beyond = 0.7 * same_count.cumcount() / (same_count.transform("size") - 1).clip(lower=1) - 0.35
+    place = plotted.failures + beyond.where(same_count.transform("size") > 1, 0.0)
+    singular = plotted.case.isin(disagreements(rows).query("explained").case)
+    for (verdict, off), subset in plotted.groupby(["verdict", singular], sort=False):
+        (label, color), marker = CLASSES[verdict], "x" if off else "o"
+        style = {"color": color, "mfc": "none", "label": label + ", singular pose" * off}
+        axes.plot(place[subset.index], subset.error, marker, **style)
+    axes.plot(place, plotted.model, "_", color=GREEN, label="linear model")
+    safe = rows.failures[~rows.elastic_possible].min() - 1
+    none, largest = (error[rows.failures <= count].max() for count in (0, safe))
     axes.set_title(
         f"With any {safe} struts failed both angles are tracked:\n"
         f"RMS error at most {largest:.2f} µrad, {none:.2f} with none failed"

@@ -1,4 +1,4 @@
-"""The design of a sweep: what is varied, as a TOML file says it, and the runs of it."""
+"""Design of a sweep: the varied quantities, read from a TOML file, and the runs."""
 
 import json
 import tomllib
@@ -25,19 +25,19 @@ from sim import Failure
 
 DEFAULT = Path(__file__).with_name("sweep.toml")
 MOST_RUNS = 200_000
-"""Their rows are in memory."""
+"""Largest number of runs, whose rows are in memory."""
 
 ACTIVE = tuple(f"joint_weight_{k}" for k in range(1, 7))
 SECONDARY = tuple(f"secondary_weight_{name}" for name in ("t_x", "t_y", "t_z", "gamma"))
-"""Factors on the diagonals of W1 and W2, in the order of the paper's."""
+"""Names of the factors on the diagonals of W1 and W2, in the order of the paper."""
 
 BENCH = tuple(each.name for each in fields(TestbedConfig) if "duration_s" not in each.name)
-"""Constants of the testbed that a design can vary; how long a run lasts is the design's."""
+"""Names of the testbed's constants that a design can vary; the duration is the design's."""
 
 _ONES = (1.0,) * 6
 WEIGHTS = {each.name: (each.goal.joint_weight, each.goal.secondary_weight) for each in COLUMNS[:5]}
 WEIGHTS["both"] = _ONES, _ONES[:4]
-"""W1 and W2 by name: the paper's five, and all ones in both."""
+"""Diagonals of W1 and W2 by name: the paper's five, and ones in both."""
 
 CHOICES: dict[str, tuple[Any, ...]] = {
     "known": (True, False),
@@ -52,25 +52,25 @@ LIMITS: dict[str, tuple[float, float]] = {
     "seed": (0, 2**32 - 1),
     **{name: BENCH_LIMITS[name] for name in BENCH if name in BENCH_LIMITS},
 }
-"""Least and largest value of each number; it is a whole one if they are."""
+"""Lower and upper bound of each number, which is an integer if these are."""
 
 VARIED = ("struts", *CHOICES, *LIMITS)
-"""All that can be varied."""
+"""Names of all quantities that can be varied."""
 
 Factor = list[Any] | dict[str, Any]
-"""Values to choose from; or a range with the keys from, to, log, and points in a grid."""
+"""Varied quantity: a list of values, or a range with keys from, to, log, and points in a grid."""
 
 
 @dataclass(frozen=True)
 class Design:
-    """Which runs a sweep consists of; what is not among the factors is as on the testbed.
+    """Design of a sweep; quantities that are not among the factors are those of the testbed.
 
     Attributes:
-        layout: "latin-hypercube": each range is cut into as many slices as there are runs, with
-            one run in each; "grid": every combination of values, the last factor the fastest.
-        runs: How many there are; of a grid the first so many.
-        duration_s: Of each.
-        factors: What is varied, by name.
+        layout: "latin-hypercube": each range is divided into as many intervals as there are runs,
+            with one run in each; "grid": all combinations of values, the last factor fastest.
+        runs: Number of runs; of a grid the first ones.
+        duration_s: Duration of each run.
+        factors: Varied quantities, by name.
     """
 
     layout: str
@@ -81,9 +81,9 @@ class Design:
 
 @dataclass(frozen=True)
 class SweepRun:
-    """One run of a sweep: so small that it can be sent to any machine.
+    """Parameters of a run of a sweep; small, since they are sent to the workers.
 
-    Its weights are those of the name `weight` times their factors: diagonals of W1 over the struts
+    The weights are those named `weight` times their factors: diagonals of W1 over the struts
     and of W2 over [t_x, t_y, t_z, gamma]; None is zero.
     """
 
@@ -93,17 +93,17 @@ class SweepRun:
     secondary_weight: tuple[float, ...] | None
     bench: TestbedConfig
     seed: int  # of the detector noise
-    struts: str = "SSSSSS"  # a letter of `LETTERS` for each: its state from `failure_time_s` on
+    struts: str = "SSSSSS"  # a letter of `LETTERS` for each: state from `failure_time_s` on
     failure_time_s: float = 0.0
-    known: bool = True  # whether the mapping is reconfigured for the failures when they happen
+    known: bool = True  # whether the mapping is reconfigured at the failures
     weight: str = "W_a"
     jacobian: JacobianChoice = "analytic"
 
     @property
     def failures(self) -> tuple[Failure, ...]:
-        """What happens to the plant during the run."""
-        happen = self.failure_time_s < self.duration_s
-        return failures_of(self.struts, self.failure_time_s) if happen else ()
+        """Failures of the plant during the run."""
+        occur = self.failure_time_s < self.duration_s
+        return failures_of(self.struts, self.failure_time_s) if occur else ()
 
     @property
     def goal(self) -> Goal:
@@ -112,7 +112,7 @@ class SweepRun:
 
     @property
     def reconfigured(self) -> Goal:
-        """Goal after them; locked struts are taken to be at the centre."""
+        """Goal of the mapping after the failures; locked struts are assumed at the centre."""
         if not self.known:
             return self.goal
         of = {"locked": [], "free": [], "loose": []}
@@ -122,7 +122,7 @@ class SweepRun:
         return replace(self.goal, locked_at=locked_at, free=free, spring_lost=tuple(of["loose"]))
 
     def parameters(self) -> dict[str, Any]:
-        """The columns in which runs of a sweep differ before they are simulated."""
+        """Return the parameters as columns of the dataset."""
         first = ("seed", "duration_s", "struts", "failure_time_s", "known", "weight")
         bench = asdict(self.bench)
         return {
@@ -136,37 +136,37 @@ class SweepRun:
 
 
 def sweep_run(number: int, duration_s: float, varied: Mapping[str, Any]) -> SweepRun:
-    """The run with these values; all others as on the testbed, without failures, W_a."""
+    """Return a run with these values; by default those of the testbed, without failures, W_a."""
     own = ("seed", "struts", "failure_time_s", "known", "weight", "jacobian")
-    told, bench = ({k: varied[k] for k in names if k in varied} for names in (own, BENCH))
+    options, bench = ({k: varied[k] for k in names if k in varied} for names in (own, BENCH))
     joint, secondary = (
         diagonal and tuple(w * varied.get(k, 1.0) for w, k in zip(diagonal, names, strict=True))
         for diagonal, names in zip(
-            WEIGHTS[told.get("weight", "W_a")], (ACTIVE, SECONDARY), strict=True
+            WEIGHTS[options.get("weight", "W_a")], (ACTIVE, SECONDARY), strict=True
         )
     )
-    return SweepRun(number, duration_s, joint, secondary, TestbedConfig(**bench), **told)
+    return SweepRun(number, duration_s, joint, secondary, TestbedConfig(**bench), **options)
 
 
 def runs_of(design: Design, seed: int) -> list[SweepRun]:
-    """The runs of a design; each depends on the design, the seed and its number alone."""
+    """Return the runs of a design; each depends only on the design, the seed and its number."""
     factors = design.factors
     if design.layout == "grid":
-        chosen = islice(product(*map(_grid, factors, factors.values())), design.runs)
+        points_of_design = islice(product(*map(_grid, factors, factors.values())), design.runs)
     else:
         cube = qmc.LatinHypercube(d=len(factors), rng=np.random.default_rng(seed))
         points = cube.random(design.runs).tolist()
-        chosen = (list(map(_at, factors, factors.values(), point)) for point in points)
-    found = []
-    for number, values in enumerate(chosen):
+        points_of_design = (list(map(_at, factors, factors.values(), point)) for point in points)
+    runs = []
+    for number, values in enumerate(points_of_design):
         noise = np.random.SeedSequence(seed, spawn_key=(number,)).generate_state(1)
         varied = {"seed": int(noise[0])} | dict(zip(factors, values, strict=True))
-        found.append(sweep_run(number, design.duration_s, varied))
-    return found
+        runs.append(sweep_run(number, design.duration_s, varied))
+    return runs
 
 
 def _at(name: str, factor: Factor, u: float) -> Any:
-    """The value of a factor at u from 0 to 1; of several values each has the same share."""
+    """Return the value of a factor at u from 0 to 1; values of a list have equal shares."""
     if isinstance(factor, list):
         return factor[int(u * len(factor))]
     low, high = factor["from"], factor["to"]
@@ -186,10 +186,10 @@ def _is_whole(name: str) -> bool:
 
 
 def read_design(path: Path | None) -> Design:
-    """The design in a file; None is the default.
+    """Read the design in a file; None is the default.
 
     Raises:
-        WrongInput: It cannot be read, or asks for what cannot be run.
+        WrongInput: The file cannot be read, or the design is invalid.
     """
     try:
         return _design(tomllib.loads((path or DEFAULT).read_text(encoding="utf-8")))
@@ -230,7 +230,7 @@ def _factor(name: str, value: Any, grid: bool) -> Factor:
         values = value if isinstance(value, list) else [value]
         if not values:
             raise ValueError(f"{name} must have at least one value, got none")
-        return [_checked(name, each) for each in values]
+        return [_checked(name, item) for item in values]
     if name not in LIMITS:
         raise ValueError(f"{name} must be a list of values, got a range")
     _only(value, ("from", "to", "log", "points"), f" in {name}")
@@ -241,13 +241,13 @@ def _factor(name: str, value: Any, grid: bool) -> Factor:
     if type(log) is not bool or (log and (low <= 0 or _is_whole(name))):
         raise ValueError(f"{name} can have log = true only if it is real and positive")
     if (points is None) == grid or (grid and (type(points) is not int or points < 2)):
-        expected = "a number from 2 on in a grid, and none elsewhere"
+        expected = "a number from 2 on in a grid, and omitted otherwise"
         raise ValueError(f"points of {name} must be {expected}, got {short_repr(points)}")
     return {"from": low, "to": high, "log": log} | ({"points": points} if grid else {})
 
 
 def _checked(name: str, value: Any) -> Any:
-    """The value, of the kind that the name asks for, and within its limits."""
+    """Return a value after a check of its type and limits."""
     if name in LIMITS:
         check_within(name, value, *LIMITS[name])
         return value if _is_whole(name) else float(value)
@@ -256,13 +256,13 @@ def _checked(name: str, value: Any) -> Any:
         valid = isinstance(value, str) and len(value) == 6 and set(value) <= set(CODE_LETTERS)
     else:
         expected = f"one of {', '.join(map(json.dumps, CHOICES[name]))}"
-        valid = (type(value), value) in [(type(each), each) for each in CHOICES[name]]
+        valid = (type(value), value) in [(type(choice), choice) for choice in CHOICES[name]]
     if not valid:
         raise ValueError(f"{name} must be {expected}, got {short_repr(value)}")
     return value
 
 
 def _only(table: dict[str, Any], known: tuple[str, ...], where: str = "") -> None:
-    if strange := sorted(set(table) - set(known)):
+    if unknown := sorted(set(table) - set(known)):
         there = f"there are {', '.join(known)}"
-        raise ValueError(f"there is no {short_repr(strange[0])}{where}; {there}")
+        raise ValueError(f"there is no {short_repr(unknown[0])}{where}; {there}")

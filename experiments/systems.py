@@ -1,4 +1,4 @@
-"""The study `systems`: the other mechanisms of the paper, in simulation; docs/theory.md."""
+"""Study `systems`: the other mechanisms of the paper, in simulation; docs/theory.md."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -32,21 +32,21 @@ from sim import HEXAPOD_MJCF, Array, Plant, jacobians, linearize, load_model
 from sim.mjcf import mass_matrix, model_sha256
 from sim.plant import failed_plant
 
-STEP = 1e-4  # [m] or [rad]: far above the closures' nanometres, small beside a hand of 0.1 m
+STEP = 1e-4  # [m] or [rad]: far above the closures' nanometres, small relative to a hand of 0.1 m
 PERIOD_S = 0.01
 CORNERS = 8  # of the polygon
-PUSH_S, TRIAL = 0.05, 1e-6  # a push, and the wrench of the first one, [N] or [N m]
-REST = 1e-6  # what is left of a motion when it counts as at rest
-COASTING_PER_S = 0.01  # slower than any servo; what decays no faster coasts
-# What counts as motion, per commanded step or as a fraction of the way after a push: what is held
-# stands still to 1e-5, and the smallest motion is 0.015 [m] of a hand's object per [rad].
+PUSH_S, PROBE = 0.05, 1e-6  # a push, and the wrench of the first one, [N] or [N m]
+REST = 1e-6  # remaining fraction of a motion that counts as at rest
+COASTING_PER_S = 0.01  # decay rate below that of any servo: slower motions coast
+# Smallest motion, per commanded step or as a fraction of the displacement after a push: actuators
+# at rest move less than 1e-5, and the smallest motion is 0.015 [m] of a hand's object per [rad].
 VISIBLE = 1e-3
 LIMIT = 0.01  # largest relative distance between simulated and predicted motions and forces
 
 
 @dataclass(frozen=True)
 class Mechanism:
-    """One MJCF file and its task."""
+    """Mechanism of an MJCF file, its task, and the conditions to simulate."""
 
     path: Path
     title: str
@@ -56,17 +56,17 @@ class Mechanism:
 
     @property
     def name(self) -> str:
-        """As in `systems.json`."""
+        """Name in `systems.json`."""
         return self.path.stem
 
     @property
     def rows(self) -> list[int]:
-        """Rows of the twist that the major task is."""
+        """Rows of the payload twist in the major task."""
         return [self.task[row] for row in self.major]
 
     @property
     def unit(self) -> str:
-        """Of the major task: [rad] or [m]."""
+        """Unit of the major task: rad or m."""
         return "rad" if self.rows[0] < 3 else "m"
 
 
@@ -103,25 +103,25 @@ MECHANISMS = (
 )
 
 
-# What a failed mechanism does in simulation, measured from outside: no Jacobian goes into it, only
-# how long to wait is taken from the linear model.
+# Behaviour of a failed mechanism in simulation, measured without any Jacobian; only the waiting
+# times are from the linear model.
 
 
 @dataclass(frozen=True)
 class Probed:
-    """A mechanism in one condition; each measurement makes a plant of its own."""
+    """Mechanism in one condition; each measurement uses a new plant."""
 
     model: mujoco.MjModel
     mechanism: Mechanism
     condition: str
 
     def plant(self) -> Plant:
-        """At its nominal pose, failed."""
+        """Return the failed plant at its nominal pose."""
         return failed_plant(self.model, failures_of(self.condition))
 
     @cached_property
     def settling_s(self) -> float:
-        """How long the slowest motion that the servos hold needs to rest, whole periods."""
+        """Time until the slowest servo-controlled motion is at rest [s], in whole periods."""
         plant = self.plant()
         decay = -np.linalg.eigvals(linearize(plant.model, plant.data).A).real
         slowest = decay[decay > COASTING_PER_S].min(initial=np.inf)
@@ -129,9 +129,9 @@ class Probed:
 
 
 def respond(rig: Probed, survivors: Array) -> tuple[Array, Array]:
-    """Displacements at rest after one step of each surviving actuator, over the step, as columns.
+    """Measure the displacements at rest after a step of each surviving actuator, per step.
 
-    Of the survivors, shape (n', n'), and of the task, shape (m, n').
+    Columns are the steps: of the survivors, shape (n', n'), and of the task, shape (m, n').
     """
     active, twist = [], []
     for k in survivors:
@@ -143,22 +143,22 @@ def respond(rig: Probed, survivors: Array) -> tuple[Array, Array]:
 
 
 def coast(rig: Probed) -> Array:
-    """What keeps moving after a push along each task row, shape (m, m).
+    """Measure the self-motion that coasts after a push along each task row, shape (m, m).
 
-    What the actuators hold has come back to rest by then; self-motion coasts. Columns are
-    displacements after the wait, during a tenth of it, as fractions of the largest there was.
+    Controlled motions are at rest by then. Columns are displacements during a tenth of the waiting
+    time, after it, as fractions of the largest displacement.
     """
     task, coasting = list(rig.mechanism.task), []
     for row in task:
-        # How far a first, tiny push leads decides how hard to push.
-        _, peak = pushed(rig, TRIAL * np.eye(6)[row])
-        moved, peak = pushed(rig, TRIAL * STEP / peak * np.eye(6)[row])
+        # The displacement by a first, tiny push determines the size of the second.
+        _, peak = pushed(rig, PROBE * np.eye(6)[row])
+        moved, peak = pushed(rig, PROBE * STEP / peak * np.eye(6)[row])
         coasting.append(moved / peak)
     return np.array(coasting).T[task]
 
 
 def pushed(rig: Probed, wrench: Array) -> tuple[Array, float]:
-    """Displacement in a tenth of the wait, after it and a short push, and the largest there was."""
+    """Measure a push: displacement in a tenth of the waiting time after it, and the largest."""
     plant, still = rig.plant(), np.zeros(rig.model.nu)
     plant.push(wrench)
     plant.step(still, PUSH_S)
@@ -174,11 +174,11 @@ def pushed(rig: Probed, wrench: Array) -> tuple[Array, float]:
 def drive_polygon(
     rig: Probed, kin: Kinematics, rng: np.random.Generator
 ) -> tuple[dict[str, Array], float]:
-    """Drive the major task around an octagon of radius STEP, then both ways along the others.
+    """Drive the major task around an octagon of radius STEP, then along further major directions.
 
     Returns:
         Time (T,), desired and reached (T, m1), all joints (T, nq), with units in their names; and
-        the largest distance at a corner from what the mapping promises, in steps.
+        the largest distance at a corner from the mapping's prediction, in steps.
     """
     major, unit = rig.mechanism.major, rig.mechanism.unit
     m1, angle = len(major), 2 * np.pi * (np.arange(CORNERS) / CORNERS + rng.random())
@@ -192,8 +192,8 @@ def drive_polygon(
         twist.append(plant.displacement())
         qpos.append(plant.data.qpos.copy())
     reached = np.array(twist)[:, rig.mechanism.rows]
-    promised = corners - mapping.residual(corners)
-    error = np.abs(reached[periods - 1 :: periods] - promised).max() / STEP
+    predicted = corners - mapping.residual(corners)
+    error = np.abs(reached[periods - 1 :: periods] - predicted).max() / STEP
     path = {
         "time_s": np.arange(1, len(twist) + 1) * PERIOD_S,
         "qpos": np.array(qpos),
@@ -203,19 +203,18 @@ def drive_polygon(
     return path, float(error)
 
 
-def hold_force(
+def exert_force(
     rig: Probed, system: ConstrainedSystem, kin: Kinematics, rng: np.random.Generator
 ) -> dict[str, float]:
-    """How far a random force, exerted through the force mapping, is from what was predicted of it.
-
-    With a random internal force where there is one.
+    """Exert a random force by the force mapping, with internal force, against an equal load.
 
     Returns:
-        torque_error: Servo torques against the mapping's, relative.
-        closure_error: What closures and locks do to the joints against the constraint forces of
-            the kinematics, relative to the largest of these, of what the force does to the joints,
-            and of the torques: closures may have nothing to bear.
-        yielded_steps: Payload displacement. One servo, alone with its torque, would move one step.
+        torque_error: Difference of the servo torques from the mapping's, relative.
+        closure_error: Difference of the joint forces of closures and locks from the constraint
+            forces of the kinematics, relative to the largest of these, the force's joint forces,
+            and the torques: the closures may be unloaded.
+        yielded_steps: Payload displacement in steps; a servo loaded with its torque alone would
+            move one step.
     """
     task, major = list(rig.mechanism.task), list(rig.mechanism.major)
     mapping = kin.force_mapping(major, torque_weight=np.ones(len(kin.actuators)))
@@ -226,32 +225,32 @@ def hold_force(
     secondary = np.setdiff1d(np.arange(len(task)), major)
     force[secondary] = mapping.secondary_force(f_major, torque=squeeze)
     gain = rig.model.actuator_gainprm[:, 0]
-    # As hard as moves a servo by one step if nothing helps.
+    # The largest torque, as load of its servo alone, would move that by one step.
     scale = STEP / np.abs(kin.expand(torques) / gain).max()
     torques, force = scale * torques, scale * force
     plant, expected = rig.plant(), kin.expand(torques)
     plant.push(-np.eye(6)[:, task] @ force)
-    plant.step(expected / gain, rig.settling_s)  # a servo that stands still exerts gain * command
+    plant.step(expected / gain, rig.settling_s)  # a servo at zero exerts gain * command
     stuck = np.eye(system.J_C.shape[1])[system.stuck]  # section 2.3.2: a row for each stuck joint
     closures = np.vstack([system.J_C, stuck]).T @ -kin.constraint_force(force, torques)  # eq. (5)
-    bears = closures, system.J_T.T @ force, torques
+    sizes = closures, system.J_T.T @ force, torques
     return {
         "torque_error": relative(plant.coil_force_n() - expected, torques),
-        "closure_error": relative(plant.data.qfrc_constraint - closures, *bears),
+        "closure_error": relative(plant.data.qfrc_constraint - closures, *sizes),
         "yielded_steps": float(np.abs(plant.displacement()).max() / STEP),
     }
 
 
 def relative(difference: Array, *wholes: Array) -> float:
-    """Norm of a difference as a part of the largest of the wholes; zero when all are."""
+    """Return the norm of a difference relative to the largest of the wholes; 0 if all are zero."""
     size = max(np.linalg.norm(whole) for whole in wholes)
     return float(np.linalg.norm(difference) / size) if size else 0.0
 
 
 def motion_error(kin: Kinematics, active: Array, moved: Array) -> float:
-    """Payload motion against J times the active motion, and that against what the loops allow.
+    """Return the error of the payload motion J active, and of the active constraint, relative.
 
-    Relative, each row of the task against its own motion: rotation and translation do not mix.
+    Each task row is relative to its own motion: rotation and translation do not mix.
     """
     forbidden = kin.active_constraint @ active
     off = np.linalg.norm(moved - kin.J @ active, axis=1)
@@ -260,7 +259,7 @@ def motion_error(kin: Kinematics, active: Array, moved: Array) -> float:
 
 
 def largest_angle(moved: Array, basis: Array) -> float:
-    """Sine of the largest angle between what moved and a subspace; zero when nothing moved."""
+    """Return the sine of the largest angle between motions and a subspace; 0 without motion."""
     size = np.linalg.norm(moved, 2)
     if size < VISIBLE:
         return 0.0
@@ -269,14 +268,14 @@ def largest_angle(moved: Array, basis: Array) -> float:
 
 # Each condition, classified and simulated.
 
-# Always checked; `major_error` where no self-motion passes the motion of a corner on to the next.
+# Always checked; `major_error` only without self-motion, which persists from corner to corner.
 ERRORS = ("motion_error", "drift_error", "torque_error", "closure_error", "yielded_steps")
 FLAGS = ("unmanipulable", "unmanipulable_task", "irresolvable")
 FLAGS += ("unstable", "unstable_major", "unstable_secondary")
 
 
-class Examined(NamedTuple):
-    """One mechanism in one condition: its row, what the report says, and the polygon driven."""
+class ConditionResult(NamedTuple):
+    """Result of a mechanism in one condition: row, text of the report, and the polygon driven."""
 
     mechanism: Mechanism
     row: dict[str, Any]
@@ -285,7 +284,7 @@ class Examined(NamedTuple):
 
     @property
     def polygon(self) -> tuple[Array, Array]:
-        """The major task desired and reached, [urad] or [um], shape (T, m1)."""
+        """Desired and reached major task, [urad] or [um], shape (T, m1)."""
         desired, reached = (f"{what}_{self.mechanism.unit}" for what in ("desired", "reached"))
         return 1e6 * self.path[desired], 1e6 * self.path[reached]
 
@@ -293,10 +292,10 @@ class Examined(NamedTuple):
 def classified(
     model: mujoco.MjModel, mechanism: Mechanism, condition: str
 ) -> tuple[ConstrainedSystem, Kinematics]:
-    """The failed mechanism at its nominal pose, with the task rows it is about.
+    """Return the failed mechanism at its nominal pose, with its task rows, and its kinematics.
 
-    Frictionless from rest: under self-motion the passive joints keep their momentum at zero, which
-    is what the mass matrix as their metric says.
+    The metric of passive velocities is the mass matrix: without friction the passive joints start
+    from rest and have no momentum along self-motions.
     """
     data = mujoco.MjData(model)
     jac = jacobians(model, data, site="payload", axes="base")
@@ -306,8 +305,8 @@ def classified(
     return system, system.kinematics(passive_metric=mass_matrix(model, data))
 
 
-def examine(mechanism: Mechanism, condition: str, seed: int) -> Examined:
-    """Classify one condition, then simulate it and compare."""
+def classify_and_simulate(mechanism: Mechanism, condition: str, seed: int) -> ConditionResult:
+    """Classify a condition, simulate it, and compare."""
     model, rng = load_model(mechanism.path), np.random.default_rng(seed)
     rig = Probed(model, mechanism, condition)
     system, kin = classified(model, mechanism, condition)
@@ -320,10 +319,10 @@ def examine(mechanism: Mechanism, condition: str, seed: int) -> Examined:
         "motion_error": motion_error(kin, active, moved),
         "drift_error": largest_angle(coasting, bases["unstable"]),
         "major_error": major_error,
-        **hold_force(rig, system, kin, rng),
+        **exert_force(rig, system, kin, rng),
     }
-    judged = ERRORS if report.unstable_major else [*ERRORS, "major_error"]
-    # Dimensions by the report, and in the simulation.
+    evaluated = ERRORS if report.unstable_major else [*ERRORS, "major_error"]
+    # Dimensions in the report and in the simulation.
     rank = partial(np.linalg.matrix_rank, tol=VISIBLE)
     counts = {
         "major_directions": (len(major) - bases["unmanipulable"].shape[1], rank(moved[major])),
@@ -332,7 +331,7 @@ def examine(mechanism: Mechanism, condition: str, seed: int) -> Examined:
         "constrained_active": (len(bases["constrained_active"]), len(active) - rank(active)),
     }
     # The system's failures are part of every condition of its atlas.
-    [verdict] = classify(failure_atlas(system, major, codes=np.zeros((1, model.nu))))
+    [classification] = classify(failure_atlas(system, major, codes=np.zeros((1, model.nu))))
     row = {
         "mechanism": mechanism.name,
         "index": mechanism.conditions.index(condition),
@@ -340,7 +339,7 @@ def examine(mechanism: Mechanism, condition: str, seed: int) -> Examined:
         "locked": failed(codes, numbers, LOCKED),
         "free": failed(codes, numbers, FREE),
         "major": [ROWS[row] for row in mechanism.rows],
-        "verdict": verdict,
+        "verdict": classification,
         **{flag: getattr(report, flag) for flag in FLAGS},
         **{what: predicted for what, (predicted, _) in counts.items()},
         "internal_forces": len(bases["irresolvable"]),
@@ -350,11 +349,11 @@ def examine(mechanism: Mechanism, condition: str, seed: int) -> Examined:
         **{f"simulated_{what}": simulated for what, (_, simulated) in counts.items()},
         "agrees": all(predicted == simulated for predicted, simulated in counts.values()),
         **errors,
-        "largest_error": max(errors[name] for name in judged),
+        "largest_error": max(errors[name] for name in evaluated),
         "recording": f"{mechanism.name}.rrd",
         "data": f"{mechanism.name}.npz",
     }
-    return Examined(mechanism, row, str(report), path)
+    return ConditionResult(mechanism, row, str(report), path)
 
 
 # The study.
@@ -382,113 +381,118 @@ def systems(
         for mechanism in MECHANISMS
         for condition in mechanism.conditions[: 3 if quick else None]
     ]
-    examined: list[Examined] = in_parallel(examine, calls, on_progress)
-    groups = {it: [one for one in examined if one.mechanism == it] for it in MECHANISMS}
-    table = pd.DataFrame([one.row for one in examined])
+    results: list[ConditionResult] = in_parallel(classify_and_simulate, calls, on_progress)
+    groups = {m: [one for one in results if one.mechanism == m] for m in MECHANISMS}
+    table = pd.DataFrame([one.row for one in results])
     settings = origin(seed) | {
-        "model_sha256": {each.name: model_sha256(each.path) for each in groups},
+        "model_sha256": {mechanism.name: model_sha256(mechanism.path) for mechanism in groups},
         "step_m_or_rad": STEP,
     }
-    found = checks(table)
+    all_checks = checks(table)
     return Result(
         settings=settings,
         tables={"systems": table},
-        checks=found,
-        views=shown(table),
+        checks=all_checks,
+        views=printed_tables(table),
         pictures=[Picture("systems", CAPTION, ALT, partial(figure, groups))],
         arrays={
-            # The number of the condition at the end of the names.
+            # Names end with the number of the condition.
             f"{mechanism.name}.npz": {
-                f"{name}_{k}": A for k, one in enumerate(ours) for name, A in one.path.items()
+                f"{name}_{k}": A for k, one in enumerate(group) for name, A in one.path.items()
             }
-            for mechanism, ours in groups.items()
+            for mechanism, group in groups.items()
         },
-        records=[partial(record, ours, settings, checked(found)) for ours in groups.values()],
+        records=[
+            partial(record, group, settings, checked(all_checks)) for group in groups.values()
+        ],
     )
 
 
 def checks(systems: pd.DataFrame) -> list[Check]:
-    """Directions and sizes of the simulated motion against classification and mapping."""
-    each = systems.set_index(["mechanism", "condition"])
+    """Check directions and sizes of the simulated motion against classification and mapping."""
+    rows = systems.set_index(["mechanism", "condition"])
     what = "difference between simulation and classification in directions of motion (0 or 1)"
-    found = check(what, 1.0 - each.agrees.astype(float), 0.5)
+    result = check(what, 1.0 - rows.agrees.astype(float), 0.5)
     for name in ERRORS:
-        found += check(name, each[name], LIMIT)
-    return found + check("major_error", each[~each.unstable_major].major_error, LIMIT)
+        result += check(name, rows[name], LIMIT)
+    return result + check("major_error", rows[~rows.unstable_major].major_error, LIMIT)
 
 
-def shown(systems: pd.DataFrame) -> list[TableView]:
-    """The printed table."""
+def printed_tables(systems: pd.DataFrame) -> list[TableView]:
+    """Return the printed table."""
     short = {"constrained_active": "forbids", "self_motion": "motions", "largest_error": "error"}
     return [
         TableView(
             "Classification of each condition, and the largest error of its prediction",
             systems.rename(columns=short),
             "mechanism condition verdict motions forbids error:.0e",
-            "verdict: exact, drifts (self-motion moves the major task), or what is left of it. "
+            "verdict: exact, drifts (self-motion moves the major task), or remaining directions. "
             "motions: number of self-motions. forbids: combinations of actuator rates that the "
             "loops forbid. error: of motions, torques and forces, relative.",
         )
     ]
 
 
-def record(ours: Sequence[Examined], settings: dict[str, Any], found: str, folder: Path) -> None:
-    """Write the recording of a mechanism, a scene for each condition."""
-    mechanism, reports = ours[0].mechanism, {one.row["condition"]: one.report for one in ours}
+def record(
+    group: Sequence[ConditionResult], settings: dict[str, Any], checks_text: str, folder: Path
+) -> None:
+    """Write the recording of a mechanism, with a scene for each condition."""
+    mechanism = group[0].mechanism
+    reports = {result.row["condition"]: result.report for result in group}
     name, what = mechanism.name, "The payload follows an octagon in its major task."
     properties = {"seed": settings["seed"], "step_m_or_rad": STEP, "period_s": PERIOD_S}
     properties["model_sha256"] = settings["model_sha256"][name]
     properties |= version_properties(settings)
-    results = {"study": "systems", "robot": name, "verdict": what, "checks": found}
+    results = {"study": "systems", "robot": name, "verdict": what, "checks": checks_text}
     results["failures"] = "; ".join(reports)
     notes = [f"# {mechanism.title}", "", what, ""]
-    for words, report in reports.items():
-        notes += [f"## {words}", "", *(f"- {each}" for each in report.splitlines()), ""]
+    for label, report in reports.items():
+        notes += [f"## {label}", "", *(f"- {line}" for line in report.splitlines()), ""]
     text = "\n".join([*notes, *constants(properties)])
     identity = f"systems-{name}-seed{settings['seed']}"
     about = RecordingInfo(identity, mechanism.title, text, properties, results)
     model = load_model(mechanism.path)
-    scenes = {one.row["condition"]: scene(model, one) for one in ours}
+    scenes = {result.row["condition"]: scene(model, result) for result in group}
     write_scenes(folder / f"{name}.rrd", about, scenes, pages=False)
 
 
-def scene(model: mujoco.MjModel, one: Examined) -> Scene:
-    """The mechanism in 3D, its major task in a plane, and its error."""
-    (desired, reached), time_s = one.polygon, one.path["time_s"]
-    names, unit = one.row["major"], f"u{one.mechanism.unit}"
+def scene(model: mujoco.MjModel, result: ConditionResult) -> Scene:
+    """Return the mechanism in 3D, its major task in a plane, and its error."""
+    (desired, reached), time_s = result.polygon, result.path["time_s"]
+    names, unit = result.row["major"], f"u{result.mechanism.unit}"
     labels = [f"{name} off [{unit}]" for name in names]
     plot = Plot("off", f"desired - reached [{unit}]", labels, time_s, desired - reached)
     curves, (right, up) = (desired[:, :2], reached[:, :2]), names[:2]
     plane = Plane(f"{up} over {right}", (right, up), unit, *curves, np.concatenate(curves))
-    return condition_scene(model, time_s, one.path["qpos"], [plot], plane=plane)
+    return condition_scene(model, time_s, result.path["qpos"], [plot], plane=plane)
 
 
 CAPTION = (
-    "Each mechanism's major task around an octagon, sound and failed, in simulation: thick lines "
-    "join where it rests at each commanded corner (dots), dashed where it is lost as classified. "
-    "Thin lines are the way from the first corner to the eighth, with the overshoot of each step."
+    "Major task of each mechanism around an octagon, healthy and failed, in simulation. Thick "
+    "lines connect the positions at rest for the commanded corners (dots), dashed if the task is "
+    "classified as lost. Thin lines are the path from the first corner to the eighth."
 )
 ALT = (
-    "A panel for each mechanism: at rest its task is at every corner of the octagon, but for "
-    "the dashed lines, whose task is lost as classified."
+    "A panel for each mechanism: at rest its task is at every corner of the octagon, except for "
+    "the dashed lines, whose task is classified as lost."
 )
 
 
-def figure(groups: Mapping[Mechanism, Sequence[Examined]]) -> Figure:
-    """Each mechanism's major task around a polygon, in every condition."""
+def figure(groups: Mapping[Mechanism, Sequence[ConditionResult]]) -> Figure:
+    """Plot the major task of each mechanism around a polygon, in every condition."""
     rows, dots = -(-len(groups) // 2), []
     figure = new_figure(PAGE_IN, 2.6 * rows + 0.2)
-    figure.suptitle("Major task around an octagon, sound and with failed actuators, simulated")
-    for place, (mechanism, ours) in enumerate(groups.items(), 1):
+    figure.suptitle("Major task around an octagon, healthy and with failed actuators, simulated")
+    for place, (mechanism, group) in enumerate(groups.items(), 1):
         axes = figure.add_subplot(rows, 2, place)
-        # At rest ever thinner, so that lines upon each other all show.
-        widths = np.linspace(3.4, 0.8, len(ours))
-        for one, color, width in zip(ours, cycle(LINES), widths, strict=False):
-            style = "--" if one.row["unstable_major"] or one.row["unmanipulable"] else "-"
-            at_rest, on_the_way = around(one.polygon[1])
-            axes.plot(*at_rest.T, style, color=color, lw=width, label=one.row["condition"])
-            axes.plot(*on_the_way.T, style, color=color, lw=0.4)
-        corners, _ = around(ours[0].polygon[0])
+        # Lines get thinner, so that coinciding ones are all visible.
+        widths = np.linspace(3.4, 0.8, len(group))
+        for result, color, width in zip(group, cycle(LINES), widths, strict=False):
+            style = "--" if result.row["unstable_major"] or result.row["unmanipulable"] else "-"
+            at_rest, transient = around(result.polygon[1])
+            axes.plot(*at_rest.T, style, color=color, lw=width, label=result.row["condition"])
+            axes.plot(*transient.T, style, color=color, lw=0.4)
+        corners, _ = around(group[0].polygon[0])
         dots = axes.plot(*corners.T, "o", color=BLACK, ms=3)
         first, second = (f"{ROWS[row]}, µ{mechanism.unit}" for row in mechanism.rows[:2])
         axes.set(title=mechanism.title, xlabel=first, ylabel=second)
@@ -499,8 +503,8 @@ def figure(groups: Mapping[Mechanism, Sequence[Examined]]) -> Figure:
 
 
 def around(path: Array) -> tuple[Array, Array]:
-    """Where each corner's time ends, closed, (CORNERS + 1, 2); the way from the first of them."""
-    also = 2 * (path.shape[1] - 2)  # corners aside, along further major directions
-    held = len(path) // (CORNERS + also)
-    octagon = path[held - 1 : CORNERS * held, :2]
-    return np.vstack([octagon[::held], octagon[:1]]), octagon
+    """Return the positions at the end of each corner, closed, (CORNERS + 1, 2), and the path."""
+    other_corners = 2 * (path.shape[1] - 2)  # along further major directions
+    per_corner = len(path) // (CORNERS + other_corners)
+    octagon = path[per_corner - 1 : CORNERS * per_corner, :2]
+    return np.vstack([octagon[::per_corner], octagon[:1]]), octagon

@@ -1,4 +1,4 @@
-"""The study `table1`: Table I and Figures 4 to 6, the six tracking experiments of section 4.2."""
+"""Study `table1`: Table I and Figures 4 to 6, the six tracking experiments of section 4.2."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
@@ -53,18 +53,19 @@ CONFIGURATIONS: dict[ConfigurationName, TestbedConfig] = {
     # Of the settings that docs/uncorrected.md maps, the one that fits the fewest numbers.
     "demand-limit": TestbedConfig(spiral_direction=-1, demand_limit_urad=95.0),
 }
-"""Constants around the plant. Spiral, crossovers and detector noise were fitted to W_a to W_e."""
+"""Constants of the testbed by configuration. Spiral, crossovers and detector noise were fitted to
+W_a to W_e."""
 LAST_COLUMN = {"calibrated": "predicted", "demand-limit": "fitted"}
-"""Where the errors of W_a_uncorrected come from. Those of the other columns are those of W_a by
-construction, since the mapping meets J_m M = I whatever its weights and the known lock."""
+"""Origin of the errors of W_a_uncorrected, by configuration. Those of the other columns equal those
+of W_a, since J_m M = I for any weights and any known lock."""
 
 MOTIONS = ("gamma_urad", "t_x_um", "t_y_um", "t_z_um")  # columns of `secondary`
 BY_NAME = {column.name: column for column in COLUMNS}
 REPRESENTATIVE = ("W_a", "W_d", "W_a_uncorrected")
-"""Columns that fly once more with mismatch, and with another controller: no failure, strut 1 locked
-and known, locked and not known. The weights of the others do not change the pointing."""
+"""Columns simulated also with mismatch, and with another controller: no failure, strut 1 locked and
+known, locked and not known. The weights of the others do not change the pointing."""
 
-NOT_FLOWN = (np.nan, np.nan)
+NOT_SIMULATED = (np.nan, np.nan)
 MISMATCH_TOLERANCE = 0.1
 """Largest relative distance of an RMS error from the nominal linear model's on the same floor."""
 
@@ -118,29 +119,30 @@ def table1(
     loops, constants = nominal_loops(machine, bench), metrics.plant_constants(machine)
     rig = hexapod_rig(Testbed(machine, bench, loops))
     path = bench.spiral_rad(bench.quick_duration_s if quick else bench.duration_s)
-    other: JacobianChoice = "constant" if jacobian == "analytic" else "analytic"
+    other_choice: JacobianChoice = "constant" if jacobian == "analytic" else "analytic"
     rigs = {
         (kind, name): pursuing(rig, column.goal, jacobian=choice)
-        for kind, choice in (("own", jacobian), ("other Jacobian", other))
+        for kind, choice in (("own", jacobian), ("other Jacobian", other_choice))
         for name, column in BY_NAME.items()
     }
-    own = {name: rigs["own", name] for name in BY_NAME}
-    _ = rig.machine.equilibrium  # settled once for all processes
-    mismatched = mismatched_rigs(own, seed, quick=quick)
-    rigs["next seed", "W_a"] = own["W_a"]
-    rigs |= {("controller", name): own[name] for name in REPRESENTATIVE if controller}
-    rigs |= {("mismatched", name): each for name, each in mismatched.items()}
+    own_rigs = {name: rigs["own", name] for name in BY_NAME}
+    _ = rig.machine.rest  # computed once for all processes
+    mismatched = rigs_with_mismatch(own_rigs, seed, quick=quick)
+    rigs["next seed", "W_a"] = own_rigs["W_a"]
+    rigs |= {("controller", name): own_rigs[name] for name in REPRESENTATIVE if controller}
+    rigs |= {("mismatched", name): mismatched[name] for name in mismatched}
     calls: list[Callable[[], Any]] = [
-        partial(predicted_rad, own[name], column, path, seed) for name, column in BY_NAME.items()
+        partial(predicted_rad, own_rigs[name], column, path, seed)
+        for name, column in BY_NAME.items()
     ]
-    for (kind, name), each in rigs.items():
-        pilot = controller if kind == "controller" else None
+    for (kind, name), rig_of_run in rigs.items():
+        plugin = controller if kind == "controller" else None
         noise = seed + 1 if kind == "next seed" else seed
-        calls.append(partial(_flown, each, BY_NAME[name], path, noise, pilot))
-    done = in_parallel(call, [{"work": each} for each in calls], on_progress)
+        calls.append(partial(_simulate, rig_of_run, BY_NAME[name], path, noise, plugin))
+    done = in_parallel(call, [{"work": work} for work in calls], on_progress)
     predicted = dict(zip(BY_NAME, done, strict=False))
-    flown = dict(zip(rigs, done[len(BY_NAME) :], strict=True))
-    runs = {key: run for key, (run, _) in flown.items()}
+    results = dict(zip(rigs, done[len(BY_NAME) :], strict=True))
+    runs = {key: run for key, (run, _) in results.items()}
 
     origins = {"W_a": "fitted", "W_a_uncorrected": LAST_COLUMN[configuration]}
     rows: dict[tuple[str, str], dict[str, Any]] = {
@@ -150,14 +152,14 @@ def table1(
         | by_angle("other_jacobian_*_rms_urad", 1e6 * runs["other Jacobian", name].rms())
         for name, column in BY_NAME.items()
     }
-    for name, each in mismatched.items():
+    for name, rig_of_run in mismatched.items():
         run = runs["mismatched", name]
-        rows["own", name] |= mismatched_errors(each, BY_NAME[name], run, seed)
+        rows["own", name] |= mismatched_errors(rig_of_run, BY_NAME[name], run, seed)
     for name in REPRESENTATIVE if controller else ():
-        run, failure = flown["controller", name]
+        run, failure = results["controller", name]
         label = f"{controller_label(str(controller))}_{name}"
-        said = {"controller": controller, "compared_with": name, "failure": failure}
-        rows["controller", name] = column_row(BY_NAME[name], run, label, "other") | said
+        labels = {"controller": controller, "compared_with": name, "failure": failure}
+        rows["controller", name] = column_row(BY_NAME[name], run, label, "other") | labels
     columns = pd.DataFrame([*rows.values()])
     margins = pd.DataFrame(map(metrics.loop_measures, loops)).drop(columns="sentence")
     margins.insert(0, "angle", ANGLES)
@@ -171,43 +173,44 @@ def table1(
         "mismatch": ALL_SIZES if mismatched else None,
     }
     checked = checks(columns, further, settings["duration_s"])
-    keep = partial(record, rig, settings, checked, model)
+    save = partial(record, rig, settings, checked, model)
     return Result(
         settings=settings,
         tables={"columns": columns, "further_runs": further, "loops": margins},
         checks=checked,
-        views=shown(columns, further, margins, settings),
+        views=printed_tables(columns, further, margins, settings),
         notes=[f"{row['name']}: {row['failure']}." for row in rows.values() if row.get("failure")],
         pictures=pictures(runs, controller),
-        records=[partial(keep, row, runs[key]) for key, row in rows.items()],
+        records=[partial(save, row, runs[key]) for key, row in rows.items()],
     )
 
 
-def _flown(
+def _simulate(
     rig: Rig, column: Column, path: Array, seed: int, controller: str | None
 ) -> tuple[Run, str | None]:
-    """A run, and the failure of its controller if it is another one."""
+    """Simulate a run; return it and, for another controller, a description of its failure."""
     if controller is not None:
         return simulate_with(rig, controller, path, failures=column.failures, seed=seed)
     return rig.fly(rig.controller(), path, failures=column.failures, seed=seed), None
 
 
-def mismatched_rigs(rigs: Mapping[str, Rig], seed: int, *, quick: bool) -> dict[str, Rig]:
-    """Rigs by column on other plants, each another one, all differences at once; --quick has one.
+def rigs_with_mismatch(rigs: Mapping[str, Rig], seed: int, *, quick: bool) -> dict[str, Rig]:
+    """Return rigs with all mismatches, each on another plant, by column; one if `quick`.
 
-    None on a machine without suspension springs, which this mismatch is about.
+    Machines without suspension springs have none, as the mismatch is defined for these.
     """
     names = [name for name in REPRESENTATIVE if has_suspensions(rigs[name].model)]
-    chosen = names[: 1 if quick else None]
-    return {name: rigs[name].with_mismatch("all", seed + k) for k, name in enumerate(chosen)}
+    selected = names[: 1 if quick else None]
+    return {name: rigs[name].with_mismatch("all", seed + k) for k, name in enumerate(selected)}
 
 
 def predicted_rad(
     rig: Rig, column: Column, path: Array, seed: int, floor_m_per_s2: Array | None = None
 ) -> Array:
-    """RMS errors (2,) by the linear model of the nominal plant.
+    """Predict the RMS errors (2,) [rad] with the linear model of the nominal plant.
 
-    Over all noise; with a limit on the demand or a moving floor, with that of this seed.
+    They are expected values over the noise; with a limit on the demand or a moving floor, those for
+    the noise of this seed.
 
     Raises:
         sim.ModelError: The loops are unstable in the linear model.
@@ -215,28 +218,28 @@ def predicted_rad(
     bench, noise = rig.control.testbed.bench, None
     if bench.demand_limit_urad is not None or floor_m_per_s2 is not None:
         noise = detector_noise_rad(bench, seed, len(path))
-    how = {"failures": column.failures, "told": False, "floor_m_per_s2": floor_m_per_s2}
-    found = rig.predict(path, noise=noise, **how)
-    if found.leaves is not None:
+    arguments = {"failures": column.failures, "told": False, "floor_m_per_s2": floor_m_per_s2}
+    predicted = rig.predict(path, noise=noise, **arguments)
+    if predicted.leaves is not None:
         raise ModelError(f"the loops of {column.name} are unstable on this machine")
-    return found.rms
+    return predicted.rms
 
 
 # The rows.
 
 
 def of_angles(key: str) -> list[str]:
-    """Keys of alpha and beta; the name of the angle takes the place of the `*`."""
+    """Return the keys of alpha and beta, with the angle in place of the `*`."""
     return [key.replace("*", angle) for angle in ANGLES]
 
 
 def by_angle(key: str, values: Sequence[float] | Array) -> dict[str, Any]:
-    """The values of alpha and beta by their keys."""
+    """Return the values of alpha and beta by their keys."""
     return dict(zip(of_angles(key), values, strict=True))
 
 
 def column_row(column: Column, run: Run, name: str, source: str) -> dict[str, Any]:
-    """What is measured of a run of a column; `source` is where its errors come from."""
+    """Return the row of a run of a column; `source` is the origin of its errors."""
     return {
         "name": name,
         "locked": column.struts("locked"),
@@ -248,8 +251,8 @@ def column_row(column: Column, run: Run, name: str, source: str) -> dict[str, An
         "data": f"{name}.npz",
         **by_angle("*_rms_urad", 1e6 * run.rms()),
         **by_angle("*_measured_rms_urad", 1e6 * rms(run.desired - run.measured)),
-        **by_angle("mismatched_*_rms_urad", NOT_FLOWN),
-        **by_angle("mismatched_predicted_*_rms_urad", NOT_FLOWN),
+        **by_angle("mismatched_*_rms_urad", NOT_SIMULATED),
+        **by_angle("mismatched_predicted_*_rms_urad", NOT_SIMULATED),
         "strut_input_rms_percent": rms(run.inputs),
         "strut_input_peak_percent": np.abs(run.inputs).max(axis=0),
         "secondary_peak": peaks(secondary(run)),
@@ -259,33 +262,33 @@ def column_row(column: Column, run: Run, name: str, source: str) -> dict[str, An
 
 
 def peaks(motion: Array) -> dict[str, float]:
-    """Largest [gamma, t_x, t_y, t_z] of a secondary motion (N, 4)."""
+    """Return the largest [gamma, t_x, t_y, t_z] of a secondary motion (N, 4), [urad] and [um]."""
     return dict(zip(MOTIONS, (1e6 * np.abs(motion).max(axis=0)).tolist(), strict=True))
 
 
 def mismatched_errors(rig: Rig, column: Column, run: Run, seed: int) -> dict[str, Any]:
-    """Errors of a run on another plant, beside the linear model's of the nominal one.
+    """Return the errors of a run on another plant, and those predicted for the nominal one.
 
-    Noise and floor are the same. Errors are from where the zero of the detector has drifted to: the
-    loop follows the zero, and no controller could know.
+    Noise and floor are the same. Errors are relative to the drifted zero of the detector, which the
+    loop follows and no controller can observe.
     """
     machine, ticks = rig.machine, len(run.time_s)
-    flown_rad = rms(run.desired - (run.true + machine.zero_rad(ticks)))
+    simulated_rad = rms(run.desired - (run.true + machine.zero_rad(ticks)))
     expected_rad = predicted_rad(rig, column, run.desired, seed, machine.floor(ticks))
-    return by_angle("mismatched_*_rms_urad", 1e6 * flown_rad) | by_angle(
+    return by_angle("mismatched_*_rms_urad", 1e6 * simulated_rad) | by_angle(
         "mismatched_predicted_*_rms_urad", 1e6 * expected_rad
     )
 
 
 def further_runs(columns: pd.DataFrame, runs: Mapping[tuple[str, str], Run]) -> pd.DataFrame:
-    """Runs that are no columns, a row for each kind: largest differences of their RMS errors.
+    """Return a row for each kind of further runs, with the largest difference of RMS errors.
 
-    With the other Jacobian, and of W_a with the next seed, from the columns; with mismatch from the
-    linear model. `runs` are by kind and name of the column.
+    The reference are the columns for runs with the other Jacobian and with the next seed, the
+    linear model for runs with mismatch. `runs` are by kind and name of the column.
     """
-    ours, off = columns[columns.origin != "other"], "largest_rms_difference_urad"
+    own_rows, off = columns[columns.origin != "other"], "largest_rms_difference_urad"
     rms_urad, other, mismatched, expected = (
-        ours[of_angles(f"{kind}*_rms_urad")].to_numpy(dtype=float)
+        own_rows[of_angles(f"{kind}*_rms_urad")].to_numpy(dtype=float)
         for kind in ("", "other_jacobian_", "mismatched_", "mismatched_predicted_")
     )
     reseeded = 1e6 * runs["next seed", "W_a"].rms()
@@ -297,34 +300,34 @@ def further_runs(columns: pd.DataFrame, runs: Mapping[tuple[str, str], Run]) -> 
     if not np.isnan(relative).all():
         rows.append({"runs": "mismatched", "largest_relative_difference": np.nanmax(relative)})
     gaps_m = pd.Series({key: run.closure_max_m for key, run in runs.items()}).groupby(level=0).max()
-    return pd.DataFrame(rows).assign(closure_residual_max_m=lambda found: found.runs.map(gaps_m))
+    return pd.DataFrame(rows).assign(closure_residual_max_m=lambda frame: frame.runs.map(gaps_m))
 
 
-# What is checked and shown of them.
+# Checks and tables.
 
 
 def checks(columns: pd.DataFrame, further: pd.DataFrame, duration_s: float) -> list[Check]:
-    """Closure, RMS errors against the linear model, without and with mismatch, and controllers."""
-    flown, found = columns.set_index("name"), list[Check]()
-    ours, theirs = flown[flown.origin != "other"], flown[flown.origin == "other"]
-    mismatched = ours[ours.filter(like="mismatched_").notna().any(axis=1)]
-    for rows, kind, said, limit in (
-        (ours, "", "", metrics.prediction_tolerance(duration_s)),
+    """Check closure, RMS errors against the linear model, and failures of another controller."""
+    by_name, result = columns.set_index("name"), list[Check]()
+    own_rows, other_rows = by_name[by_name.origin != "other"], by_name[by_name.origin == "other"]
+    mismatched = own_rows[own_rows.filter(like="mismatched_").notna().any(axis=1)]
+    for rows, kind, when, limit in (
+        (own_rows, "", "", metrics.prediction_tolerance(duration_s)),
         (mismatched, "mismatched_", " with all mismatches", MISMATCH_TOLERANCE),
     ):
         for angle in ANGLES:
             expected = rows[f"{kind}predicted_{angle}_rms_urad"]
             off = (rows[f"{kind}{angle}_rms_urad"] - expected).abs() / expected.abs()
-            what = f"relative difference of the RMS error of {angle}{said} from the linear model's"
-            found += check(what, off, limit)
-    found += check("closure residual [m]", flown.closure_residual_max_m, CLOSURE_LIMIT_M)
+            what = f"relative difference of the RMS error of {angle}{when} from the linear model's"
+            result += check(what, off, limit)
+    result += check("closure residual [m]", by_name.closure_residual_max_m, CLOSURE_LIMIT_M)
     residual_m = further.set_index("runs").closure_residual_max_m
-    found += check("closure residual [m]", residual_m, CLOSURE_LIMIT_M)
-    for name, row in theirs.iterrows():
+    result += check("closure residual [m]", residual_m, CLOSURE_LIMIT_M)
+    for name, row in other_rows.iterrows():
         has_failed = pd.notna(row.failure)
         what = f"failures of the controller ({row.failure if has_failed else 'none'})"
-        found += check(what, float(has_failed), 0.5, str(name))
-    return found
+        result += check(what, float(has_failed), 0.5, str(name))
+    return result
 
 
 NUMBERS = (
@@ -345,31 +348,31 @@ NUMBERS = (
     *((f"peak {key}", key, ".3f") for key in MOTIONS),
     ("closure, m", "closure_residual_max_m", ".1e"),
 )
-"""Label, key and format of the rows of Table I as it is printed."""
+"""Label, key and format of the rows of the printed Table I."""
 
 
 def printed(columns: pd.DataFrame, *names: str, cut: bool) -> pd.DataFrame:
-    """The paper's arrangement: a row for each number, a column for each run that is named.
+    """Return runs in the paper's arrangement: a row for each quantity, a column for each run.
 
-    Where runs are cut off, the paper's numbers do not compare.
+    If runs are cut off, the paper's numbers are left out.
     """
-    shown = columns.set_index("name", drop=False).loc[list(names)]
-    shown = shown.join(pd.DataFrame([*shown.secondary_peak], shown.index))
-    shown["largest_input_percent"] = shown.strut_input_rms_percent.map(max)
+    selected = columns.set_index("name", drop=False).loc[list(names)]
+    selected = selected.join(pd.DataFrame([*selected.secondary_peak], selected.index))
+    selected["largest_input_percent"] = selected.strut_input_rms_percent.map(max)
     return pd.DataFrame(
         {"quantity": label}
-        | {name: "" if pd.isna(each) else format(each, digits) for name, each in shown[key].items()}
+        | {name: "" if pd.isna(x) else format(x, digits) for name, x in selected[key].items()}
         for label, key, digits in NUMBERS
-        if shown[key].notna().any() and not (cut and key.startswith("paper"))
+        if selected[key].notna().any() and not (cut and key.startswith("paper"))
     )
 
 
-def shown(
+def printed_tables(
     columns: pd.DataFrame, further: pd.DataFrame, loops: pd.DataFrame, settings: Mapping[str, Any]
 ) -> list[TableView]:
-    """The printed tables."""
-    cut, theirs = metrics.is_cut(settings), columns[columns.origin == "other"]
-    found = [
+    """Return the printed tables."""
+    cut, other_rows = metrics.is_cut(settings), columns[columns.origin == "other"]
+    tables = [
         TableView(
             f"Table I, configuration {settings['configuration']}: RMS of desired minus true angle, "
             f"{settings['duration_s']:g} s of the spiral",
@@ -391,11 +394,11 @@ def shown(
             "angle crossover_hz:.2f gain_margin_db:.1f phase_crossover_hz:.1f phase_margin_deg:.1f",
         ),
     ]
-    if len(theirs):
-        title = f"Controller {theirs.controller.iloc[0]}: the same failures and the same noise"
-        other = printed(columns, *theirs.name, cut=cut)
-        found.insert(1, TableView(title, other, " ".join(other.columns)))
-    return found
+    if len(other_rows):
+        title = f"Controller {other_rows.controller.iloc[0]}: the same failures and the same noise"
+        table = printed(columns, *other_rows.name, cut=cut)
+        tables.insert(1, TableView(title, table, " ".join(table.columns)))
+    return tables
 
 
 def record(
@@ -407,25 +410,25 @@ def record(
     run: Run,
     folder: Path,
 ) -> None:
-    """Write the data and the recording of one column."""
+    """Write the data and the recording of a column."""
     name, controller, urad = row["name"], row.get("controller"), dict[str, list[float]]()
     if not controller:
         urad["linear model"] = [row[key] for key in of_angles("predicted_*_rms_urad")]
         if not metrics.is_cut(settings):  # the paper's numbers are of the whole spiral
             urad["paper"] = [row[key] for key in of_angles("paper_*_rms_urad")]
-    predicted = [1e-6 * each for each in urad["linear model"]] if urad else None
+    predicted = [1e-6 * value for value in urad["linear model"]] if urad else None
     known = "uncorrected" if "uncorrected" in name else "corrected"
     locked = ", ".join(f"strut {k + 1} locked, {known}" for k in row["locked"]) or "no failure"
-    pilot = f"controller {controller}" if controller else f"{settings['jacobian']} Jacobian"
-    said = f"seed {settings['seed']}, {settings['duration_s']:g} s, {pilot}; {locked}."
+    how = f"controller {controller}" if controller else f"{settings['jacobian']} Jacobian"
+    text = f"seed {settings['seed']}, {settings['duration_s']:g} s, {how}; {locked}."
     chosen = "locked", "free", "joint_weight", "secondary_weight_t_x_t_y_t_z_gamma", "controller"
-    # The viewer lays out all recordings of one identity alike.
-    words = "table1", settings["configuration"], name, f"seed{settings['seed']}"
+    # The viewer uses one layout for all recordings of an identity.
+    parts = "table1", settings["configuration"], name, f"seed{settings['seed']}"
     about = About(
         study="table1",
-        identity="-".join(word for word in words if word != "calibrated"),
+        identity="-".join(part for part in parts if part != "calibrated"),
         title=name,
-        notes=[f"Column {name} of Table I: {said}", *filter(None, [row.get("failure")])],
+        notes=[f"Column {name} of Table I: {text}", *filter(None, [row.get("failure")])],
         parameters=metrics.recording_properties(dict(settings))
         | {key: row[key] for key in chosen if row.get(key)},
         compared=urad,
@@ -451,71 +454,71 @@ SECONDARY = (
     ("$t_z$, µm", 3, ORANGE),
     ("$\\gamma$, µrad", 0, PURPLE),
 )
-"""Label and column of `secondary`, in the order of the paper's weights, and colour."""
+"""Label, column of `secondary`, and colour of the motions, in the order of the paper's weights."""
 ERROR, ERRORS = "error: desired minus true", ("$\\alpha$ error, µrad", "$\\beta$ error, µrad")
 
 
 def pictures(runs: Mapping[tuple[str, str], Run], controller: str | None) -> list[Picture]:
-    """The result at a glance, Figures 4 to 6, and both controllers if there is another one."""
-    ours = {name: run for (kind, name), run in runs.items() if kind == "own"}
-    theirs = {name: run for (kind, name), run in runs.items() if kind == "controller"}
-    found = [
+    """Return the summary figure, Figures 4 to 6, and one of both controllers if there are two."""
+    own_runs = {name: run for (kind, name), run in runs.items() if kind == "own"}
+    other_runs = {name: run for (kind, name), run in runs.items() if kind == "controller"}
+    result = [
         Picture(
             "result",
-            "What reconfiguring is worth, and what the secondary weights do, in simulation.",
+            "Effect of the reconfiguration and of the secondary weights, in simulation.",
             "Left, the pointing error with strut 1 locked: that of six healthy struts after "
-            "reconfiguration, larger without. Right, t_x: almost none under ten times the weight.",
-            partial(figure_result, ours),
+            "reconfiguration, larger without. Right, t_x: almost zero with ten times the weight.",
+            partial(figure_result, own_runs),
         ),
         Picture(
             "figure4",
             "The paper's Fig. 4: weighted strut displacements minimized.",
             "The spiral of the pointing error is the same under W_a, W_b and W_c. Inputs of struts "
             "1, 3, 5 are small under W_b, of 2, 4, 6 under W_c.",
-            partial(figure_4, ours),
+            partial(figure_4, own_runs),
         ),
         Picture(
             "figure5",
             "The paper's Fig. 5: strut 1 locked, mapping not reconfigured.",
-            "A spiral of the detector reading beside the desired one. Errors of both angles are "
+            "A spiral of the detector reading and the desired one. Errors of both angles are "
             "larger than those of six healthy struts.",
-            partial(figure_5, ours),
+            partial(figure_5, own_runs),
         ),
         Picture(
             "figure6",
             "The paper's Fig. 6: strut 1 locked, mapping reconfigured, secondary motion minimized.",
             "The spiral of the pointing error is the same under W_d and W_e. Under W_e t_x and t_y "
             "almost vanish, and t_z and gamma are larger than under W_d.",
-            partial(figure_6, ours),
+            partial(figure_6, own_runs),
         ),
     ]
     if controller:
         caption = f"This project's controller and {controller}, under the same failures and noise."
         alt = "Pointing error over time under both controllers; one panel for each failure."
-        drawn = partial(figure_controller, ours, theirs, controller)
-        found.append(Picture("controller", caption, alt, drawn))
-    return found
+        plot = partial(figure_controller, own_runs, other_runs, controller)
+        result.append(Picture("controller", caption, alt, plot))
+    return result
 
 
 def figure_result(runs: Mapping[str, Run]) -> Figure:
-    """Size of the pointing error over time, and t_x under two weights."""
+    """Plot the size of the pointing error over time, and t_x with two weights."""
     figure = new_figure(PAGE_IN, 3.0)
     left, right = figure.subplots(1, 2)
-    for name, said, style in (
+    for name, case, style in (
         ("W_a_uncorrected", "strut 1 locked, mapping not reconfigured", {"color": VERMILION}),
         ("W_a", "six healthy struts", {"color": BLACK}),
         ("W_e", "strut 1 locked, mapping reconfigured", {"color": BLUE, "ls": "--"}),
     ):
         size_urad = np.linalg.norm(1e6 * runs[name].error, axis=1)
-        label = f"{said}: RMS {rms(size_urad):.1f} µrad"
+        label = f"{case}: RMS {rms(size_urad):.1f} µrad"
         left.plot(runs[name].time_s, size_urad, label=label, **style)
     left.set(title="Major task: pointing along a spiral", ylabel="pointing error, µrad")
-    for name, color, said in (
-        ("W_d", ORANGE, "$W_d$, all secondary motions weighted alike"),
+    for name, color, case in (
+        ("W_d", ORANGE, "$W_d$, all secondary motions weighted equally"),
         ("W_e", BLUE, "$W_e$, $t_x$ and $t_y$ weighted ten times"),
     ):
         t_x_um = 1e6 * secondary(runs[name])[:, 1]
-        label = f"{said}: peak {abs(t_x_um).max():.3g} µm"
+        label = f"{case}: peak {abs(t_x_um).max():.3g} µm"
         right.plot(runs[name].time_s, t_x_um, color=color, label=label)
     right.set(title="Secondary motion, strut 1 locked", ylabel="translation $t_x$, µm")
     for axes in (left, right):
@@ -525,7 +528,7 @@ def figure_result(runs: Mapping[str, Run]) -> Figure:
 
 
 def figure_4(runs: Mapping[str, Run]) -> Figure:
-    """A column for each of W_a, W_b, W_c: the pointing error, and the strut inputs."""
+    """Plot the pointing error and the strut inputs for W_a, W_b and W_c."""
     names = "W_a", "W_b", "W_c"
     figure, limit_urad = new_figure(PAGE_IN, 4.4), largest_urad(runs[name] for name in names)
     errors, inputs = figure.subplots(2, len(names), height_ratios=[1.2, 1], sharey="row")
@@ -542,7 +545,7 @@ def figure_4(runs: Mapping[str, Run]) -> Figure:
 
 
 def figure_5(runs: Mapping[str, Run]) -> Figure:
-    """Tracking spiral with strut 1 locked and the mapping of six struts; its errors."""
+    """Plot the spiral tracked with strut 1 locked and the mapping of six struts, and its errors."""
     run, healthy = runs["W_a_uncorrected"], runs["W_a"]
     figure, limit_urad = new_figure(COLUMN_IN, 5.4), largest_urad([run, healthy])
     spiral, *errors = figure.subplots(3, 1, height_ratios=[2.6, 1, 1])
@@ -563,7 +566,7 @@ def figure_5(runs: Mapping[str, Run]) -> Figure:
 
 
 def figure_6(runs: Mapping[str, Run]) -> Figure:
-    """Rows W_d and W_e: the pointing error and the secondary motion; strut 1 locked and known."""
+    """Plot pointing error and secondary motion for W_d and W_e, strut 1 locked and known."""
     names = "W_d", "W_e"
     figure, limit_urad = new_figure(PAGE_IN, 4.2), largest_urad(runs[name] for name in names)
     moved = {name: 1e6 * secondary(runs[name]) for name in names}
@@ -572,8 +575,8 @@ def figure_6(runs: Mapping[str, Run]) -> Figure:
     for name, (plane, *panels) in zip(names, grid, strict=True):
         error_plane(plane, runs[name], limit_urad, name)
         plane.set_ylabel(ERRORS[1])
-        for panel, shown in zip(panels, (SECONDARY[:2], SECONDARY[2:]), strict=True):
-            for label, column, color in shown:
+        for panel, motions in zip(panels, (SECONDARY[:2], SECONDARY[2:]), strict=True):
+            for label, column, color in motions:
                 panel.plot(runs[name].time_s, moved[name][:, column], color=color, label=label)
             over_time(panel, runs[name])
             panel.set(title=f"$W_{name[-1]}$, strut 1 locked", ylim=(-largest, largest))
@@ -584,16 +587,16 @@ def figure_6(runs: Mapping[str, Run]) -> Figure:
 
 
 def figure_controller(
-    ours: Mapping[str, Run], theirs: Mapping[str, Run], controller: str
+    own_runs: Mapping[str, Run], other_runs: Mapping[str, Run], controller: str
 ) -> Figure:
-    """Pointing error over time, both controllers."""
+    """Plot the pointing error over time with both controllers."""
     figure = new_figure(PAGE_IN, 2.6)
     titles = "no failure", "strut 1 locked, known", "strut 1 locked, not known"
-    panels = figure.subplots(1, len(theirs), sharey=True)
-    for name, title, axes in zip(theirs, titles, panels, strict=True):
+    panels = figure.subplots(1, len(other_runs), sharey=True)
+    for name, title, axes in zip(other_runs, titles, panels, strict=True):
         for label, runs, color in (
-            ("prioritized mapping", ours, BLACK),
-            (controller.partition(":")[2], theirs, VERMILION),
+            ("prioritized mapping", own_runs, BLACK),
+            (controller.partition(":")[2], other_runs, VERMILION),
         ):
             error_urad = 1e6 * np.linalg.norm(runs[name].error, axis=1)
             axes.plot(runs[name].time_s, error_urad, color=color, lw=0.7, label=label)
@@ -604,7 +607,7 @@ def figure_controller(
 
 
 def error_plane(axes: Axes, run: Run, limit_urad: float, name: str) -> None:
-    """Draw the error of beta over that of alpha: at the scale of the path both were one line."""
+    """Plot the error of beta over that of alpha, too small to be visible along the path."""
     alpha_urad, beta_urad = 1e6 * run.rms()
     axes.plot(*(1e6 * run.error).T, color=GREEN, lw=0.6, label=ERROR)
     axes.set(title=f"$W_{name[-1]}$: RMS {alpha_urad:.2f} and {beta_urad:.2f} µrad", aspect="equal")
@@ -612,11 +615,11 @@ def error_plane(axes: Axes, run: Run, limit_urad: float, name: str) -> None:
 
 
 def over_time(axes: Axes, run: Run) -> None:
-    """Let the time axis be that of the whole run."""
+    """Set the time axis to the whole run."""
     end_s = round(float(run.time_s[-1]))
     axes.set(xlim=(0, end_s), xticks=range(0, end_s + 1, 4 if end_s > 8 else 1), xlabel="time, s")
 
 
 def largest_urad(runs: Iterable[Run]) -> float:
-    """Where the axis of an error ends."""
+    """Return the limit of an error axis."""
     return 1.1 * max(abs(1e6 * run.error).max() for run in runs)

@@ -1,4 +1,4 @@
-"""The study `uncorrected`: Table I's last column, strut 1 locked unknown; docs/uncorrected.md."""
+"""Study `uncorrected`: Table I's last column, strut 1 locked, unknown; docs/uncorrected.md."""
 
 import copy
 from collections.abc import Mapping
@@ -38,27 +38,27 @@ from ftc.fdi import Fault
 from sim import NOMINAL, Array, ModelError, Plant, SimulationDiverged, linearize, load_model
 
 STRUT = 0  # that locks, strut 1 as in the paper
-COLUMNS = ("W_a", "W_d", "W_e", "W_a_uncorrected")  # of Table I, that a candidate must reproduce
+COLUMNS = ("W_a", "W_d", "W_e", "W_a_uncorrected")  # of Table I, to be reproduced by a candidate
 EXPERIMENTS = {column.name: column for column in TABLE_I if column.name in COLUMNS}
 W_A = EXPERIMENTS["W_a"].goal
 PAPER_URAD = pd.DataFrame({name: TABLE_I_URAD[name] for name in COLUMNS}, index=list(ANGLES)).T
 PAPER_RATIOS = (PAPER_URAD.loc["W_a_uncorrected"] / PAPER_URAD.loc["W_a"]).to_numpy()
 RATIO_TOLERANCE, CORRECTED_TOLERANCE = 0.15, 0.25  # of both ratios and W_a; of W_d and W_e
-# Of an RMS from the linear model's, under the same noise; measured: 0.023 on a floor near
-# resonance, where the physics step shows, and 0.007 everywhere else.
+# Relative difference of an RMS from the linear model's, under the same noise; measured: 0.023 on a
+# floor near resonance, from the physics step, and 0.007 otherwise.
 PREDICTION_TOLERANCE = 0.03
-SETTLED_S = 2.0  # for the loop to take the payload to the centre before a spiral
+LEAD_IN_S = 2.0  # time before a spiral in which the loop moves the payload to the centre
 
 BENCH = TestbedConfig()
 BENCH_DAMPING = 0.106  # of the pointing modes in `models/fjh.xml`, by `pointing_mode`
-ROLL_OFF_HZ = (25.0, 40.0)  # of the map: below the modes, and at them, where a lock can be unstable
+ROLL_OFF_HZ = (25.0, 40.0)  # of the map: below the modes; at them, where a lock can be unstable
 
 
 # The candidates.
 
 
 def damped(model: mujoco.MjModel, ratio: float) -> mujoco.MjModel:
-    """The machine with all suspension dampers scaled to a damping ratio of the pointing modes.
+    """Return the machine with suspension dampers scaled to a damping ratio of the pointing modes.
 
     Raises:
         ValueError: The ratio is not between 0 and 1.
@@ -72,9 +72,9 @@ def damped(model: mujoco.MjModel, ratio: float) -> mujoco.MjModel:
 
 
 def pointing_mode(model: mujoco.MjModel) -> tuple[float, float]:
-    """Frequency [Hz] and damping ratio of the healthy machine's mode that alpha commands move most.
+    """Return frequency [Hz] and damping ratio of the healthy machine's pointing mode.
 
-    The largest residue of the transfer from commanded to true alpha.
+    This mode has the largest residue of the transfer from commanded to true alpha.
     """
     plant = Plant(model)
     linear = linearize(plant.model, plant.data)
@@ -87,59 +87,60 @@ def pointing_mode(model: mujoco.MjModel) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One explanation: what differs from the bench.
+    """Candidate explanation: its differences from the bench.
 
-    The spiral's radius is changed where the errors of W_a would no longer be those of Table I.
+    The spiral's radius differs if otherwise the errors of W_a were not those of Table I.
 
     Attributes:
-        name: As in `uncorrected.json`.
-        differs: Constants of the bench by their names, and of what is around it: damping_ratio of
-            the pointing modes without failure, floor_velocity_m_per_s (one-third-octave RMS),
-            lock_m where strut 1 is stuck, lead_in_s for the loop to settle before the spiral.
+        name: Name in `uncorrected.json`.
+        differs: Constants of the bench by name, and others: damping_ratio of the pointing modes
+            without failure, floor_velocity_m_per_s (one-third-octave RMS), lock_m of the stuck
+            strut 1, lead_in_s for the loop to settle before the spiral.
     """
 
     name: str
     differs: Mapping[str, Any]
 
-    def of(self, name: str) -> float:
-        """What differs, or zero."""
+    def constant(self, name: str) -> float:
+        """Return a constant that differs from the bench, else zero."""
         return self.differs.get(name, 0.0)
 
     @property
     def bench(self) -> TestbedConfig:
-        """Around the plant. Less damping needs more rest before the run."""
-        constants = {key: value for key, value in self.differs.items() if key not in AROUND}
-        rest_s = BENCH.settling_s * max(1.0, BENCH_DAMPING / (self.of("damping_ratio") or 1.0))
-        return replace(BENCH, **constants, settling_s=round(rest_s, 1))
+        """Constants of the testbed; with less damping the plant needs longer to settle."""
+        constants = {key: value for key, value in self.differs.items() if key not in NOT_OF_BENCH}
+        settling_s = BENCH.settling_s
+        settling_s *= max(1.0, BENCH_DAMPING / (self.constant("damping_ratio") or 1.0))
+        return replace(BENCH, **constants, settling_s=round(settling_s, 1))
 
     @property
     def testbed(self) -> Testbed:
-        """The machine with its own damping, on its bench, its loops designed for it."""
-        model, ratio = load_model(), self.of("damping_ratio")
+        """Testbed with the candidate's damping and constants, and loops designed for these."""
+        model, ratio = load_model(), self.constant("damping_ratio")
         machine = damped(model, ratio) if ratio else model
         return Testbed(machine, self.bench, nominal_loops(machine, self.bench))
 
     def rig(self, testbed: Testbed, column: str, seed: int, duration_s: float) -> Rig:
-        """The hexapod for a run of this length in one column of Table I, constant Jacobian."""
-        goal, lock_m, floor = EXPERIMENTS[column].goal, self.of("lock_m"), None
+        """Return the hexapod for a run of this length in a column of Table I, constant Jacobian."""
+        goal, lock_m, floor = EXPERIMENTS[column].goal, self.constant("lock_m"), None
         start_m = lock_m * np.eye(6)[STRUT] if EXPERIMENTS[column].failures else None
-        if goal.locked_at:  # the corrected mapping knows where
+        if goal.locked_at:  # the position is known to the corrected mapping
             goal = replace(goal, locked_at={STRUT: lock_m})
-        if velocity := self.of("floor_velocity_m_per_s"):
-            # The detector's noise has another stream.
+        if velocity := self.constant("floor_velocity_m_per_s"):
+            # Another stream than the detector's noise.
             ticks = len(BENCH.time_s(BENCH.duration_s))
             floor = floor_acceleration(ticks, BENCH.control_period_s, velocity, [seed, 1])
             floor = floor[: len(BENCH.time_s(duration_s))]
         return hexapod_rig(testbed, goal, start_m=start_m, floor_m_per_s2=floor)
 
 
-AROUND = ("damping_ratio", "floor_velocity_m_per_s", "lock_m", "lead_in_s")
-# Locked mode near crossover: roll-off at the modes, dampers at a seventh.
+NOT_OF_BENCH = ("damping_ratio", "floor_velocity_m_per_s", "lock_m", "lead_in_s")
+# The mode with a lock near crossover: roll-off at the modes, a seventh of the damping.
 RESONANCE = {"damping_ratio": 0.015, "roll_off_hz": 40.0}
-# Found by a search in the linear model, then moved by hand to have both ratios and W_a inside.
+# By a search in the linear model, then adjusted manually to have both ratios and W_a in tolerance.
 LOOPS = {"alpha_crossover_hz": 15.5, "beta_crossover_hz": 8.6, "roll_off_hz": 32.2}
 RETUNED = LOOPS | {"damping_ratio": 0.10, "lock_m": -125e-6, "spiral_radius_urad": 141.0}
-SPEED = {"spiral_exponent": 0.5, "spiral_radius_urad": 113.0}  # W_a is met at constant speed
+SPEED = {"spiral_exponent": 0.5, "spiral_radius_urad": 113.0}  # W_a of Table I at constant speed
 SLOW = {"alpha_crossover_hz": 4.3, "beta_crossover_hz": 3.3}
 TOGETHER = {
     **{"alpha_crossover_hz": 6.45, "beta_crossover_hz": 4.95, "roll_off_hz": 30.0},
@@ -153,14 +154,14 @@ CANDIDATES = {
     "resonance_floor": RESONANCE | {"floor_velocity_m_per_s": 12.5e-6},  # VC-C
     "floor_office": {"floor_velocity_m_per_s": 400e-6},  # ISO 2631-2
     "off_centre": {"lock_m": -110e-6},
-    "off_centre_settled": {"lock_m": -110e-6, "lead_in_s": SETTLED_S},
+    "off_centre_settled": {"lock_m": -110e-6, "lead_in_s": LEAD_IN_S},
     # W_a needs 16.6 um of every strut, 0.105 A; the uncorrected spiral 24.9 um of strut 4.
     "saturation": {"amplifier_limit_a": 0.105},
     "half_bandwidth": SLOW | {"spiral_radius_urad": 50.0},
     "together": TOGETHER,
     "retuned": RETUNED,
-    "retuned_settled": RETUNED | {"lead_in_s": SETTLED_S},
-    # From the map of docs/uncorrected.md, which a sweep over the limit makes.
+    "retuned_settled": RETUNED | {"lead_in_s": LEAD_IN_S},
+    # From the map in docs/uncorrected.md, made by a sweep over the limit.
     "limit": {"demand_limit_urad": 98.0},
     "limit_clockwise": {"demand_limit_urad": 95.0, "spiral_direction": -1},
     "limit_speed": SPEED | {"demand_limit_urad": 117.5},
@@ -168,19 +169,19 @@ CANDIDATES = {
     "limit_anti_windup": SPEED
     | {"demand_limit_urad": 106.2, "spiral_direction": -1, "anti_windup": True},
 }
-"""What differs in each, by name."""
-# Of these W_a alone is simulated, with and without the failure; the rest is by the linear model.
+"""Differences of each candidate, by name."""
+# Only W_a of these is simulated, with and without the failure; other columns are predicted.
 IN_PART = ("resonance_noise", "resonance_floor", "floor_office", "off_centre")
 IN_PART += ("off_centre_settled", "half_bandwidth", "limit")
 QUICK = ("lost_strut", "floor_office", "off_centre")
-RECORDED = ("lost_strut", "together", "retuned", "limit_clockwise")  # the data of all are kept
+RECORDED = ("lost_strut", "together", "retuned", "limit_clockwise")  # data of all are saved
 
 
-# What linear theory says of a lost strut, of a candidate, and over damping and crossover.
+# Linear theory: a lost strut, a candidate, and the map over damping and crossover.
 
 
 def remaining_gain(model: mujoco.MjModel) -> Array:
-    """True per demanded (alpha, beta) of W_a's mapping while strut 1 stands still, shape (2, 2)."""
+    """Return true per demanded (alpha, beta) with W_a's mapping and strut 1 fixed, shape (2, 2)."""
     geometry = hexapod(model)
     J_m = np.linalg.inv(geometry.inverse_jacobian(NOMINAL))[:2]
     mapping = StrutMapping(geometry, W_A, "constant").major_gain()
@@ -189,45 +190,46 @@ def remaining_gain(model: mujoco.MjModel) -> Array:
 
 
 def fast_loop_ratio(gain: Array) -> Array:
-    """RMS errors over those of the healthy machine, for any linear compensators, shape (2,).
+    """Return RMS errors over those of the healthy machine, for any linear compensators, (2,).
 
-    With G the gain that is left and L the healthy loops, the error is (I + G L)^-1 r: where L is
-    large L^-1 G^-1 r, and L^-1 r without failure. L cancels from the ratio, and the spiral has as
-    much of alpha as of beta, a quarter turn apart: what is left are the norms of the rows of G^-1.
+    With the remaining gain G and the healthy loops L, the error is (I + G L)^-1 r: for large L
+    L^-1 G^-1 r, and L^-1 r without failure. L cancels from the ratio, and alpha and beta of the
+    spiral have equal size and a phase of a quarter turn: the ratios are the norms of the rows of
+    G^-1.
     """
     return np.linalg.norm(np.linalg.inv(gain), axis=1)
 
 
 def faults_of(column: str) -> list[Fault]:
-    """Faults of the plant in one of COLUMNS."""
+    """Return the faults of the plant in one of COLUMNS."""
     return [Fault.of(failure) for failure in EXPERIMENTS[column].failures]
 
 
 def predicted_error_rad(
     rig: Rig, column: str, seed: int, duration_s: float, lead_in_s: float
 ) -> Array | None:
-    """Desired minus true (alpha, beta) of a run, (N, 2), by the linear model; None: unstable.
+    """Predict desired minus true (alpha, beta) (N, 2) with the linear model; None: unstable.
 
-    It is driven by what drives the run: detector noise, floor, lock off centre, and the limit on
-    the demanded pointing. Saturation of the amplifiers and quantization are left out.
+    Inputs are those of the run: detector noise, floor, lock off centre, and the limit on the
+    demanded pointing. Saturation of the amplifiers and quantization are neglected.
     """
     bench = rig.control.testbed.bench
     if pole_radius(open_loop(rig, rig.goal, faults_of(column))) > MARGINAL:
         return None
-    rest, floor = round(lead_in_s / bench.control_period_s), rig.machine.floor_m_per_s2
-    path = zero_padded(rest, bench.spiral_rad(duration_s))
+    lead_in, floor = round(lead_in_s / bench.control_period_s), rig.machine.floor_m_per_s2
+    path = zero_padded(lead_in, bench.spiral_rad(duration_s))
     return rig.predict(
         path,
         failures=EXPERIMENTS[column].failures,
         told=False,
         noise=detector_noise_rad(bench, seed, len(path)),
         start=rig.machine.start_m,
-        floor_m_per_s2=None if floor is None else zero_padded(rest, floor),
-    ).error[rest:]
+        floor_m_per_s2=None if floor is None else zero_padded(lead_in, floor),
+    ).error[lead_in:]
 
 
 def at_crossover(alpha_hz: float, roll_off_hz: float) -> TestbedConfig:
-    """The testbed with other loops; beta's crossover has its ratio to alpha's."""
+    """Return the testbed with other loops; the ratio of both crossovers is that of the testbed."""
     beta_hz = alpha_hz * BENCH.beta_crossover_hz / BENCH.alpha_crossover_hz
     loops = {"alpha_crossover_hz": alpha_hz, "beta_crossover_hz": beta_hz}
     return replace(BENCH, **loops, roll_off_hz=roll_off_hz)
@@ -236,11 +238,11 @@ def at_crossover(alpha_hz: float, roll_off_hz: float) -> TestbedConfig:
 def map_row(
     damping_ratio: float, alpha_crossover_hz: Array, roll_off_hz: float, seed: int
 ) -> tuple[Array, Array]:
-    """RMS of desired minus true pointing along the crossovers, and the largest closed-loop poles.
+    """Compute the RMS pointing errors for all crossovers, and the largest closed-loop poles.
 
     Returns:
-        (K, 2, 2): W_a and W_a_uncorrected, alpha and beta, [rad]; infinite where the loop is
-        unstable. (K, 4): largest pole of each of COLUMNS; infinite where no healthy loop exists.
+        (K, 2, 2): W_a and W_a_uncorrected, alpha and beta, [rad]; infinite if the loop is
+        unstable. (K, 4): largest pole of each of COLUMNS; infinite if no healthy loop exists.
     """
     machine = damped(load_model(), damping_ratio)
     rig = hexapod_rig(replace(nominal_testbed(), model=machine))
@@ -249,21 +251,21 @@ def map_row(
     errors = np.full((len(alpha_crossover_hz), 2, 2), np.inf)
     poles = np.full((len(alpha_crossover_hz), len(COLUMNS)), np.inf)
     for k, alpha_hz in enumerate(alpha_crossover_hz):
-        here = at_crossover(alpha_hz, roll_off_hz)
+        bench = at_crossover(alpha_hz, roll_off_hz)
         try:
-            testbed = Testbed(machine, here, designed(healthy, pointing, here))
+            testbed = Testbed(machine, bench, designed(healthy, pointing, bench))
         except ModelError:
             continue
         # The linear model is the same for all compensators.
         rig = replace(rig, control=replace(rig.control, testbed=testbed))
-        desired, time_s = here.spiral_rad(), here.time_s(here.duration_s)
-        driven = (desired - detector_noise_rad(here, seed, len(desired))).T
+        desired, time_s = bench.spiral_rad(), bench.time_s(bench.duration_s)
+        inputs = (desired - detector_noise_rad(bench, seed, len(desired))).T
         for j, name in enumerate(COLUMNS):
             L = open_loop(rig, EXPERIMENTS[name].goal, faults_of(name))
             closed = control.feedback(L, np.eye(2))
             poles[k, j] = np.abs(closed.poles()).max()
             if name in ("W_a", "W_a_uncorrected") and poles[k, j] < 1:
-                outputs = control.forced_response(closed, time_s, driven).outputs
+                outputs = control.forced_response(closed, time_s, inputs).outputs
                 errors[k, j // 3] = rms(desired - np.asarray(outputs).T)
     return errors, poles
 
@@ -272,19 +274,19 @@ def map_row(
 
 
 def by_angle(name: str, values: Any) -> dict[str, float]:
-    """Values of alpha and of beta, as columns."""
+    """Return values of alpha and beta as columns."""
     return {f"{angle}_{name}": float(values[k]) for k, angle in enumerate(ANGLES)}
 
 
-def examine(
+def simulate_column(
     candidate: Candidate, column: str, seed: int, duration_s: float
 ) -> tuple[dict[str, Any], Run | None]:
-    """A column of a candidate by the linear model, and its run where it is simulated.
+    """Predict a column of a candidate with the linear model, and simulate it unless in `IN_PART`.
 
-    In the row, what is unstable or saturates has no prediction. A run in which the physics leaves
-    the finite numbers is a result, here: the row says when.
+    The row has no prediction if the loop is unstable or saturates. If the simulation diverges, the
+    row has the time.
     """
-    testbed, lead_in_s = candidate.testbed, candidate.of("lead_in_s")
+    testbed, lead_in_s = candidate.testbed, candidate.constant("lead_in_s")
     rig = candidate.rig(testbed, column, seed, duration_s)
     row: dict[str, Any] = {"candidate": candidate.name, "column": column}
     is_linear = "amplifier_limit_a" not in candidate.differs
@@ -294,13 +296,13 @@ def examine(
     if error is not None and is_linear:
         row |= by_angle("predicted_urad", 1e6 * rms(error))
     if column in ("W_d", "W_e") and is_linear:
-        settled = predicted_error_rad(rig, column, seed, duration_s, SETTLED_S)
+        settled = predicted_error_rad(rig, column, seed, duration_s, LEAD_IN_S)
         row |= {} if settled is None else by_angle("settled_urad", 1e6 * rms(settled))
     if candidate.name in IN_PART and EXPERIMENTS[column].goal != W_A:
         return row, None
-    path, how = testbed.bench.spiral_rad(duration_s), {"lead_in_s": lead_in_s, "seed": seed}
+    path, arguments = testbed.bench.spiral_rad(duration_s), {"lead_in_s": lead_in_s, "seed": seed}
     try:
-        run = rig.fly(rig.controller(), path, failures=EXPERIMENTS[column].failures, **how)
+        run = rig.fly(rig.controller(), path, failures=EXPERIMENTS[column].failures, **arguments)
     except SimulationDiverged as diverged:
         return row | {"diverged_at_s": diverged.time_s}, None
     row |= by_angle("simulated_urad", 1e6 * run.rms())
@@ -315,7 +317,7 @@ MEASURED += ["closure_residual_max_m", "diverged_at_s"]
 
 
 def run_table(rows: list[dict[str, Any]]) -> pd.DataFrame:
-    """All columns of all candidates; the RMS is simulated, else that of the linear model."""
+    """Return all columns of all candidates; the RMS is simulated, or else predicted."""
     runs = pd.DataFrame(rows, columns=MEASURED)
     for angle in ANGLES:
         predicted = runs[f"{angle}_predicted_urad"].where(runs.diverged_at_s.isna())
@@ -324,19 +326,19 @@ def run_table(rows: list[dict[str, Any]]) -> pd.DataFrame:
 
 
 def candidate_row(candidate: Candidate, run: Run | None) -> dict[str, Any]:
-    """What a candidate changes, and what Fig. 5 would show of its uncorrected column.
+    """Return a candidate's differences, and measures of its uncorrected column as in Fig. 5.
 
-    How far the outer turns reach, and when the error arises.
+    These are the size of the outer turns, and the distribution of the error over time.
     """
     row = {"name": candidate.name, **candidate.differs}
     if run is None:
         return row
     squared, outer = np.square(run.error).sum(axis=1), run.time_s >= 0.75 * run.time_s[-1]
-    reach = np.abs(run.true[outer]).max(axis=0) / np.abs(run.desired[outer]).max(axis=0)
+    extent = np.abs(run.true[outer]).max(axis=0) / np.abs(run.desired[outer]).max(axis=0)
     first_turn = squared[run.time_s < BENCH.spiral_period_s]
     return {
         **row,
-        **by_angle("outer_reach_percent", 100 * reach),
+        **by_angle("outer_reach_percent", 100 * extent),
         "largest_error_first_turn_urad": 1e6 * float(np.sqrt(first_turn.max())),
         "error_share_last_quarter": float(squared[outer].sum() / squared.sum()),
         "data": f"{candidate.name}.npz",
@@ -367,27 +369,29 @@ def uncorrected(
     Example: fjh paper uncorrected --quick --out /tmp/why
     """
     model, duration_s = load_model(), BENCH.quick_duration_s if quick else BENCH.duration_s
-    chosen = [Candidate(*each) for each in CANDIDATES.items() if not quick or each[0] in QUICK]
+    selected = [Candidate(*item) for item in CANDIDATES.items() if not quick or item[0] in QUICK]
     damping = np.geomspace(0.005, 0.2, 3 if quick else 9)
     crossover_hz = np.geomspace(3.0, 24.0, 3 if quick else 10)
     columns = [
-        {"work": examine, "candidate": each, "column": column, "duration_s": duration_s}
-        for each, column in product(chosen, COLUMNS)
+        {"work": simulate_column, "candidate": one, "column": column, "duration_s": duration_s}
+        for one, column in product(selected, COLUMNS)
     ]
     grid = {"work": map_row, "alpha_crossover_hz": crossover_hz}
     points = [
         grid | {"roll_off_hz": roll_off_hz, "damping_ratio": ratio}
         for roll_off_hz, ratio in product(ROLL_OFF_HZ, damping)
     ]
-    calls = [each | {"seed": seed} for each in [*columns, *points]]
+    calls = [arguments | {"seed": seed} for arguments in [*columns, *points]]
     done = in_parallel(call, calls, on_progress)
     errors, poles = zip(*done[len(columns) :], strict=True)
     shape = len(ROLL_OFF_HZ), len(damping), len(crossover_hz)
     map_rad, map_poles = np.reshape(errors, (*shape, 2, 2)), np.reshape(poles, (*shape, 4))
-    rows, flown = zip(*done[: len(columns)], strict=True)
+    rows, all_runs = zip(*done[: len(columns)], strict=True)
     runs = run_table(list(rows))
-    last = list(zip(chosen, flown[COLUMNS.index("W_a_uncorrected") :: len(COLUMNS)], strict=True))
-    candidates = judged(pd.DataFrame([candidate_row(*each) for each in last]), runs)
+    last = all_runs[COLUMNS.index("W_a_uncorrected") :: len(COLUMNS)]
+    uncorrected_runs = list(zip(selected, last, strict=True))
+    candidates = pd.DataFrame([candidate_row(*pair) for pair in uncorrected_runs])
+    candidates = evaluated(candidates, runs)
     tables = {"runs": runs, "candidates": candidates, "map": map_numbers(map_rad, map_poles)}
     settings = origin(seed) | {
         "jacobian": "constant",
@@ -402,17 +406,17 @@ def uncorrected(
     axes = {"damping_ratio": damping, "alpha_crossover_hz": crossover_hz}
     axes["roll_off_hz"] = np.array(ROLL_OFF_HZ)
     arrays = {"map.npz": axes | {"rms_urad": 1e6 * map_rad, "largest_pole": map_poles}}
-    records, found = list[Any](), checks(runs)
-    for each, run in last:
-        if run is not None and each.name in RECORDED:
-            records.append(partial(record, each, run, settings, found))
+    records, checked = list[Any](), checks(runs)
+    for candidate, run in uncorrected_runs:
+        if run is not None and candidate.name in RECORDED:
+            records.append(partial(record, candidate, run, settings, checked))
         elif run is not None:
-            arrays[f"{each.name}.npz"] = hexapod_arrays(run)
+            arrays[f"{candidate.name}.npz"] = hexapod_arrays(run)
     return Result(
         settings=settings,
         tables=tables,
-        checks=found,
-        views=shown(**tables),
+        checks=checked,
+        views=printed_tables(**tables),
         pictures=[Picture("uncorrected", CAPTION, ALT, partial(figure, candidates))],
         arrays=arrays,
         records=records,
@@ -420,9 +424,9 @@ def uncorrected(
 
 
 def map_numbers(map_rad: Array, map_poles: Array) -> pd.DataFrame:
-    """The map in a few numbers, of RMS errors and poles stacked from :func:`map_row`.
+    """Summarize the map in one row, from RMS errors and poles stacked from :func:`map_row`.
 
-    Their leading axes are roll-offs, dampings and crossovers.
+    The leading axes are roll-offs, dampings and crossovers.
     """
     both = np.isfinite(map_rad).all(axis=(-2, -1))
     ratio = map_rad[both][:, 1] / map_rad[both][:, 0]
@@ -442,53 +446,55 @@ def map_numbers(map_rad: Array, map_poles: Array) -> pd.DataFrame:
 
 
 def urad(runs: pd.DataFrame, kind: str) -> pd.DataFrame:
-    """RMS errors of one kind, alpha and beta, by candidate and column."""
-    flown = runs.set_index(["candidate", "column"]).astype(float)
-    return flown[[f"{angle}_{kind}_urad" for angle in ANGLES]].set_axis(ANGLES, axis=1)
+    """Return RMS errors of one kind [urad], alpha and beta, by candidate and column."""
+    by_column = runs.set_index(["candidate", "column"]).astype(float)
+    return by_column[[f"{angle}_{kind}_urad" for angle in ANGLES]].set_axis(ANGLES, axis=1)
 
 
-def judged(candidates: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
-    """The candidates with their ratios, and whether they meet the paper's columns."""
-    found = candidates.set_index("name")
+def evaluated(candidates: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
+    """Add the ratios of the candidates, and whether they reproduce the paper's columns."""
+    table = candidates.set_index("name")
     for kind, name in {"rms": "ratio", "predicted": "predicted_ratio"}.items():
         error = urad(runs, kind).unstack("candidate").T
         for angle in ANGLES:
-            found[f"{angle}_{name}"] = error.W_a_uncorrected[angle] / error.W_a[angle]
+            table[f"{angle}_{name}"] = error.W_a_uncorrected[angle] / error.W_a[angle]
     rms_off, settled_off = (
-        # What has no number is not within a tolerance.
+        # Missing numbers are not within a tolerance.
         (urad(runs, kind).div(PAPER_URAD, level="column") - 1).abs().max(axis=1, skipna=False)
         for kind in ("rms", "settled")
     )
-    ratio = found[[f"{angle}_ratio" for angle in ANGLES]]
-    found["ratio_distance"] = (ratio / PAPER_RATIOS - 1).abs().max(axis=1, skipna=False)
-    found["meets_ratios"] = found.ratio_distance < RATIO_TOLERANCE
-    found["meets_w_a"] = rms_off.xs("W_a", level="column") < RATIO_TOLERANCE
+    ratio = table[[f"{angle}_ratio" for angle in ANGLES]]
+    table["ratio_distance"] = (ratio / PAPER_RATIOS - 1).abs().max(axis=1, skipna=False)
+    table["meets_ratios"] = table.ratio_distance < RATIO_TOLERANCE
+    table["meets_w_a"] = rms_off.xs("W_a", level="column") < RATIO_TOLERANCE
     corrected, if_settled = (
         (off.unstack("column")[["W_d", "W_e"]] < CORRECTED_TOLERANCE).all(axis=1)
         for off in (rms_off, settled_off)
     )
-    found["meets_corrected"] = corrected
-    found["explains"] = found.meets_ratios & found.meets_w_a & corrected
-    found["explains_if_corrected_settled"] = found.meets_ratios & found.meets_w_a & if_settled
-    return found.reset_index()
+    table["meets_corrected"] = corrected
+    table["explains"] = table.meets_ratios & table.meets_w_a & corrected
+    table["explains_if_corrected_settled"] = table.meets_ratios & table.meets_w_a & if_settled
+    return table.reset_index()
 
 
 def checks(runs: pd.DataFrame) -> list[Check]:
-    """Closure residuals of stable loops, and RMS errors against the linear model."""
-    flown = runs.set_index(["candidate", "column"]).astype(float)
-    stable = flown[flown.sensitivity_peak.notna()].closure_residual_max_m.dropna()
-    fell = flown[flown.alpha_predicted_urad.notna()].diverged_at_s.dropna()
-    off = (urad(runs, "simulated") / urad(runs, "predicted") - 1).abs().max(axis=1).dropna()
+    """Check closure residuals of stable loops, and RMS errors against the linear model."""
+    by_column = runs.set_index(["candidate", "column"]).astype(float)
+    stable = by_column[by_column.sensitivity_peak.notna()].closure_residual_max_m.dropna()
+    diverged = by_column[by_column.alpha_predicted_urad.notna()].diverged_at_s.dropna()
+    difference = (urad(runs, "simulated") / urad(runs, "predicted") - 1).abs().max(axis=1).dropna()
     what = "relative difference between the RMS errors and the linear model's"
     return [
         *check("closure residual [m]", stable, CLOSURE_LIMIT_M),
-        *check("divergence of a run that is stable in the linear model", 0.0 * fell + 1.0, 0.5),
-        *check(what, off, PREDICTION_TOLERANCE),
+        *check("divergence of a run that is stable in the linear model", 0.0 * diverged + 1.0, 0.5),
+        *check(what, difference, PREDICTION_TOLERANCE),
     ]
 
 
-def shown(candidates: pd.DataFrame, runs: pd.DataFrame, **_: pd.DataFrame) -> list[TableView]:
-    """The printed table."""
+def printed_tables(
+    candidates: pd.DataFrame, runs: pd.DataFrame, **_: pd.DataFrame
+) -> list[TableView]:
+    """Return the printed table."""
     known = runs[runs.column == "W_d"].set_index("candidate").add_prefix("W_d_")
     return [
         TableView(
@@ -496,9 +502,9 @@ def shown(candidates: pd.DataFrame, runs: pd.DataFrame, **_: pd.DataFrame) -> li
             candidates.join(known, on="name"),
             "name alpha_ratio:.2f beta_ratio:.2f W_d_alpha_rms_urad:.1f W_d_beta_rms_urad:.1f "
             "explains",
-            "W_d: the same lock, known; where not simulated by the linear model, and empty where "
-            "unstable. explains: meets both ratios and the other columns of Table I, for which the "
-            "whole spiral must be run.",
+            "W_d: with the lock known; predicted if not simulated, and empty if unstable. "
+            "explains: reproduces both ratios and the other columns of Table I, which takes the "
+            "whole spiral.",
         )
     ]
 
@@ -524,11 +530,11 @@ def record(
 
 
 CAPTION = (
-    "Candidate explanations of Table I's last column: RMS error with strut 1 locked, the mapping "
-    "not informed, over that of W_a. Hollow: W_a, W_d or W_e is no longer Table I's."
+    "Candidate explanations of Table I's last column: RMS error with strut 1 locked, unknown to "
+    "the mapping, over that of W_a. Hollow: W_a, W_d or W_e differs from Table I."
 )
 ALT = (
-    "A row for each candidate with the ratios of alpha and beta, beside bands of the paper's. Only "
+    "A row for each candidate with the ratios of alpha and beta, and bands of the paper's. Only "
     "those with a limit on the demanded pointing, in green, have filled marks in both bands."
 )
 EXPLAINS = "reproduces all of Table I"
@@ -536,26 +542,26 @@ LOOKS = {"alpha": ("$\\alpha$", BLUE, "o"), "beta": ("$\\beta$", VERMILION, "s")
 
 
 def figure(candidates: pd.DataFrame) -> Figure:
-    """Both ratios of every candidate; filled where the other columns stay Table I's."""
-    drawn = candidates[candidates.ratio_distance.notna()].reset_index(drop=True)
-    figure, band = new_figure(PAGE_IN, 1.4 + 0.17 * len(drawn)), {"alpha": 0.15, "lw": 0}
+    """Plot both ratios of every candidate; marks are filled if it reproduces the other columns."""
+    plotted = candidates[candidates.ratio_distance.notna()].reset_index(drop=True)
+    figure, band = new_figure(PAGE_IN, 1.4 + 0.17 * len(plotted)), {"alpha": 0.15, "lw": 0}
     axes = figure.subplots()
-    filled = drawn.meets_w_a & drawn.meets_corrected
+    filled = plotted.meets_w_a & plotted.meets_corrected
     for (angle, (symbol, color, marker)), paper in zip(LOOKS.items(), PAPER_RATIOS, strict=True):
         label = f"{symbol}, within {100 * RATIO_TOLERANCE:.0f} % of the paper's {paper:.2f}"
         least, most = paper * (1 - RATIO_TOLERANCE), paper * (1 + RATIO_TOLERANCE)
         axes.axvspan(least, most, color=color, label=label, **band)
         for rows, face, label in (
-            (drawn[filled], color, symbol),
-            (drawn[~filled], "white", f"{symbol}, another column off"),
+            (plotted[filled], color, symbol),
+            (plotted[~filled], "white", f"{symbol}, another column off"),
         ):
             ratio = rows[f"{angle}_ratio"]
             axes.plot(ratio, rows.index, marker, color=color, mfc=face, ms=4.5, label=label)
-    for row in drawn.index[drawn.explains]:
+    for row in plotted.index[plotted.explains]:
         axes.axhspan(row - 0.45, row + 0.45, color=GREEN, zorder=0, label=EXPLAINS, **band)
-    axes.set_yticks(range(len(drawn)), drawn.name.str.replace("_", " "))
+    axes.set_yticks(range(len(plotted)), plotted.name.str.replace("_", " "))
     logarithmic(axes, "x")
-    axes.set_ylim(len(drawn) - 0.5, -0.5)
+    axes.set_ylim(len(plotted) - 0.5, -0.5)
     axes.set_xlim(left=1)
     axes.set_xlabel("error uncorrected / error with all struts healthy")
     figure.suptitle("Strut 1 locked, unknown to the mapping: ratios of RMS errors by candidate")

@@ -1,1 +1,1 @@
-"""The command line, and what it makes of all studies."""
+"""Command line of all studies, and the report on them."""

@@ -1,4 +1,4 @@
-"""The command `fjh`: what a robot needs, and the paper's studies below `fjh paper`."""
+"""Command `fjh`: commands for a user's robot, and the paper's studies as `fjh paper`."""
 
 import logging
 import os
@@ -11,8 +11,8 @@ import typer
 
 from experiments.app.command import as_command, command
 from experiments.app.commands import animate, render, results, review
+from experiments.app.exit_codes import INTERRUPTED, WRONG_INPUT, exit_message
 from experiments.app.live import live
-from experiments.app.refusals import INTERRUPTED, WRONG_INPUT, ending_of
 from experiments.app.report import report
 from experiments.studies import PAPER, ROBOT, study
 from fjh.study.interrupts import INTERRUPTION, interrupted, notice
@@ -20,7 +20,7 @@ from fjh.study.interrupts import INTERRUPTION, interrupted, notice
 HELP = """Keep a robot on task when its actuators fail; simulated in MuJoCo.
 
 `fjh track` simulates failures of your robot, or of the hexapod of Chen, McInroy and Yi (2003);
-`fjh survey` says what each failure would leave; `fjh paper` lists the studies of the paper.
+`fjh survey` analyzes what each failure would leave; `fjh paper` lists the studies of the paper.
 A study writes into results/COMMAND/, or the folder given by --out: all numbers (.json, with units
 in the names), tables (.md), data (.npz), figures and recordings (.rrd; `rerun FILE.rrd` opens one).
 Start with `fjh table1`, which is `fjh paper table1`: a minute on two cores.
@@ -33,20 +33,20 @@ of them. `python -m experiments STUDY` is the same as `fjh paper STUDY`.
 EXIT_CODES = """\b
 Exit codes:
   0    all checks of the results passed
-  1    a check failed, a simulation diverged, no picture could be drawn, or a mistake of the
-       program: with FJH_TRACEBACK=1 in the environment it comes with its traceback
+  1    a check failed, a simulation diverged, no picture could be rendered, or the program has a
+       bug: with FJH_TRACEBACK=1 in the environment the traceback is printed
   2    wrong input
-  130  interrupted (143 and 129 if told to end or to hang up); no file is left half-written
+  130  interrupted (143 by SIGTERM, 129 by SIGHUP); no file is left half-written
 """
 
-# What a warning of MuJoCo's means for a run, a sentence of the command's own says.
+# The command prints its own message instead of MuJoCo's warnings.
 logging.getLogger(f"{__name__.removesuffix('experiments.app.cli')}sim").addHandler(
     logging.NullHandler()
 )
 
 
-def _print_version(wanted: bool) -> None:
-    if wanted:
+def _print_version(requested: bool) -> None:
+    if requested:
         from argument_checks import __version__  # late: completion does not wait for numpy
 
         print(f"fjh {__version__}")
@@ -62,9 +62,10 @@ def _options(version: Annotated[bool, _VERSION] = False) -> None: ...
 
 
 def app_of(*names: str) -> typer.Typer:
-    """The command `fjh` with all its commands; of the studies those of these names can be run.
+    """Return the command `fjh` with all its commands.
 
-    The others are not imported: a study takes a second.
+    Only the studies of the given names can be run; the others are not imported, which would take a
+    second each.
     """
     app = _group("fjh", HELP)
     app.callback()(_options)
@@ -74,7 +75,7 @@ def app_of(*names: str) -> typer.Typer:
     app.add_typer(paper)
     _add_studies(paper, PAPER, names)
     _add(paper, as_command(report))
-    # A study is found without `paper`, too, and `python -m experiments` needs none.
+    # `fjh STUDY` and `python -m experiments STUDY` work without `paper`.
     _add_studies(app, PAPER, names, hidden=True)
     return app
 
@@ -92,37 +93,37 @@ def _add_studies(
 
 
 def _add(group: typer.Typer, *commands: Callable[..., None]) -> None:
-    for each in commands:
-        # The first line whole: Typer itself would cut it at any full stop.
-        group.command(short_help=(each.__doc__ or "").partition("\n")[0])(each)
+    for function in commands:
+        # The whole first line: Typer would cut it at the first full stop.
+        group.command(short_help=(function.__doc__ or "").partition("\n")[0])(function)
 
 
 def _listed() -> None: ...
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run `fjh`; returns the exit code, as its help lists them."""
-    words = sys.argv[1:] if arguments is None else arguments
-    if words in ([], ["paper"]):
-        words = [*words, "--help"]
-    if empty := _empty_option(words):
+    """Run `fjh` and return its exit code, one of those in its help."""
+    command_line = sys.argv[1:] if arguments is None else arguments
+    if command_line in ([], ["paper"]):
+        command_line = [*command_line, "--help"]
+    if empty := _empty_option(command_line):
         return _failed(f"{empty} is empty, expected a value", WRONG_INPUT)
     try:
-        # What a shell completes stands in the environment.
+        # During shell completion the command line is in the environment.
         completed = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")
-        code = app_of(*words[:2], *completed.split()[1:3])(
-            args=words, prog_name="fjh", standalone_mode=False
+        code = app_of(*command_line[:2], *completed.split()[1:3])(
+            args=command_line, prog_name="fjh", standalone_mode=False
         )
     except Exception as error:
-        return _failed(*ending_of(error))
+        return _failed(*exit_message(error))
     if code == INTERRUPTED:  # Typer has already caught the Ctrl-C
         return _failed(INTERRUPTION, interrupted() or INTERRUPTED)
     return code or 0
 
 
-def _empty_option(words: list[str]) -> str | None:
-    """The first option or argument that is empty; an empty path would be this folder."""
-    for former, word in pairwise(["the first argument", *words]):
+def _empty_option(command_line: list[str]) -> str | None:
+    """Return the first empty option or argument: an empty path would mean the working folder."""
+    for former, word in pairwise(["the first argument", *command_line]):
         if not word:
             return former if former.startswith("-") else f"an argument after {former}"
         if word.startswith("--") and word.endswith("="):

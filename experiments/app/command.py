@@ -1,4 +1,4 @@
-"""A study as a command: its options are the parameters of its function."""
+"""Commands made from studies: the options are the parameters of the study's function."""
 
 import inspect
 import shlex
@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
-from experiments.app.terminal import print_ending, print_notes, print_table, progress
+from experiments.app.terminal import print_notes, print_summary, print_table, progress
 from experiments.studies import command_of
 from fjh.study.errors import Interrupted, Unsound
 from fjh.study.files import (
@@ -28,74 +28,74 @@ Quiet = Annotated[bool, Option("Only write the files.")]
 
 
 def command(study: Study) -> Callable[..., None]:
-    """The study as a command for Typer, which raises `Unsound` where a check failed."""
+    """Return the study as a command for Typer, which raises `Unsound` if a check fails."""
     name = study.__name__
 
-    def run(*, out: Path, quiet: bool, **given: Any) -> None:
-        result, summary = conduct(study, out, shown=not quiet, **given)
+    def run(*, out: Path, quiet: bool, **values: Any) -> None:
+        result, summary = conduct(study, out, show=not quiet, **values)
         if not quiet:
             for table in result.views:
                 print_table(table)
             print_notes(result.notes)
-            print_ending(result.checked, *_looked_at(name, result, summary, out, given))
+            print_summary(result.checked, *_next_steps(name, result, summary, out, values))
         if failed := result.failed:
             raise Unsound(f"a check failed: {failed[0]}")
 
-    return _with_signature(run, study, _of_all(study))
+    return _with_signature(run, study, _all_options(study))
 
 
 def conduct(
-    study: Study, folder: Path, *, shown: bool, name: str = "", **given: Any
+    study: Study, folder: Path, *, show: bool, name: str = "", **values: Any
 ) -> tuple[Any, dict[str, Any]]:
-    """Run a study and publish its result in the folder.
+    """Run a study and write its result to the folder.
 
     Args:
-        study: Its function.
-        folder: Of the results.
-        shown: Whether a bar shows the progress.
-        name: What stands before it; by default that of the study.
-        given: Values of its options, by name.
+        study: Function of the study.
+        folder: Folder of the results.
+        show: Whether a progress bar is displayed.
+        name: Label of the progress bar; by default the name of the study.
+        values: Values of its options, by name.
 
     Returns:
         The result, and the contents of its JSON file.
 
     Raises:
-        OutputError: The disk or the folder refuses.
-        WrongInput: An option; or another study is at work in the folder.
+        OutputError: The folder cannot be written.
+        WrongInput: An option has an invalid value, or another study is running in the folder.
         Unsound: A simulation diverged; its state is in the folder.
     """
     usable_folder(folder)
-    parameters, its_name = inspect.signature(study).parameters, name or study.__name__
-    arguments = _arguments(parameters, given)
+    parameters, label = inspect.signature(study).parameters, name or study.__name__
+    arguments = _arguments(parameters, values)
     if "folder" in parameters:
         arguments["folder"] = folder
     with alone_in(folder), ExitStack() as running:
-        arguments["on_progress"] = running.enter_context(progress(its_name, shown=shown))
+        arguments["on_progress"] = running.enter_context(progress(label, show=show))
         try:
             with diverged_into(folder):
                 result = study(**arguments)
         except KeyboardInterrupt:
             if not (folder / UNFINISHED).exists():
                 raise
-            said = "interrupted: finished runs are kept, and --resume continues"
-            raise Interrupted(said) from None
-        running.close()  # there is one bar at a time
-        with progress(f"{its_name}: files", shown=shown) as on_progress:
+            text = "interrupted: finished runs are saved, and --resume continues"
+            raise Interrupted(text) from None
+        running.close()  # only one progress bar at a time
+        with progress(f"{label}: files", show=show) as on_progress:
             summary = result.publish(study.__name__, folder, on_progress)
         (folder / UNFINISHED).unlink(missing_ok=True)
         return result, summary
 
 
 def _option(parameter: inspect.Parameter, *, hidden: bool = False) -> inspect.Parameter:
-    """The parameter as Typer takes it."""
+    """Convert a parameter of a study to one of Typer."""
     kind, option = get_args(parameter.annotation)
-    given: dict[str, Any] = {"help": option.help or None, "metavar": option.metavar}
-    given["hidden"] = hidden or not option.listed
+    options: dict[str, Any] = {"help": option.help or None, "metavar": option.metavar}
+    options["hidden"] = hidden or not option.listed
     if option.bounds is not None:
-        given["min"], given["max"] = option.bounds
-    # A flag, and no second one, --no-...
+        options["min"], options["max"] = option.bounds
+    # Without a name Typer would add a second flag, --no-...
     flags = [f"--{parameter.name.replace('_', '-')}"] if kind is bool else []
-    info = typer.Argument(**given) if option.positional else typer.Option(*flags, **given)
+    info = typer.Argument(**options) if option.positional else typer.Option(*flags, **options)
     value = parameter.default
     return parameter.replace(
         default=",".join(map(str, value)) if isinstance(value, tuple) else value,
@@ -104,9 +104,9 @@ def _option(parameter: inspect.Parameter, *, hidden: bool = False) -> inspect.Pa
 
 
 def _typed(kind: Any) -> Any:
-    """How a value is typed: tuples as text, lists as one value after another."""
+    """Return the type of an option on the command line: text for tuples, repeated for lists."""
     if get_origin(kind) in (UnionType,) and NoneType in get_args(kind):
-        [one] = [_typed(each) for each in get_args(kind) if each is not NoneType]
+        [one] = [_typed(option) for option in get_args(kind) if option is not NoneType]
         return one | None
     if get_origin(kind) is list and get_args(kind) != (Path,):
         return list[str]
@@ -114,42 +114,44 @@ def _typed(kind: Any) -> Any:
 
 
 def _arguments(
-    parameters: Mapping[str, inspect.Parameter], given: Mapping[str, Any]
+    parameters: Mapping[str, inspect.Parameter], values: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The arguments of a study from the values of options; scripts give seed and quick to all."""
-    rest, arguments = dict(given), {}
+    """Return the arguments of a study from the values of options; ignore the other values."""
+    remaining, arguments = dict(values), {}
     for name, parameter in parameters.items():
         kind: Any = (get_args(parameter.annotation) or (parameter.annotation,))[0]
         if isinstance(kind, type) and is_dataclass(kind):
-            own = [each.name for each in fields(kind) if each.name in rest]
-            arguments[name] = kind(**{each: rest.pop(each) for each in own})
-        elif name in rest:
-            arguments[name] = rest.pop(name)
+            names = [field.name for field in fields(kind) if field.name in remaining]
+            arguments[name] = kind(**{key: remaining.pop(key) for key in names})
+        elif name in remaining:
+            arguments[name] = remaining.pop(name)
     return arguments
 
 
 def as_command(function: Callable[..., None]) -> Callable[..., None]:
-    """A function as Typer takes it: fields of dataclasses among its parameters are options, too."""
+    """Return a function as a command for Typer; fields of dataclass parameters become options."""
 
-    def run(**given: Any) -> None:
-        function(**_arguments(inspect.signature(function).parameters, given))
+    def run(**values: Any) -> None:
+        function(**_arguments(inspect.signature(function).parameters, values))
 
-    return _with_signature(run, function, [_option(each) for each in options_of(function)])
+    return _with_signature(
+        run, function, [_option(parameter) for parameter in options_of(function)]
+    )
 
 
-def _of_all(study: Study) -> list[inspect.Parameter]:
-    """The options of a study and those that all have.
+def _all_options(study: Study) -> list[inspect.Parameter]:
+    """Return the options of a study and those common to all studies.
 
-    Where it has no `seed` or `quick` they are taken all the same, and hidden: scripts give them.
+    Scripts give `seed` and `quick` to every study: they are hidden options of studies without them.
     """
-    found = {
+    parameters = {
         "out": _option(described("out", Out, Path("results", study.__name__))),
         "seed": _option(described("seed", int, 0), hidden=True),
         "quick": _option(described("quick", bool, False), hidden=True),
-        **{each.name: _option(each) for each in options_of(study)},
+        **{parameter.name: _option(parameter) for parameter in options_of(study)},
         "quiet": _option(described("quiet", Quiet, False)),
     }
-    return list(found.values())
+    return list(parameters.values())
 
 
 def _with_signature(
@@ -157,29 +159,30 @@ def _with_signature(
 ) -> Callable[..., None]:
     run.__name__, run.__doc__ = function.__name__, function.__doc__
     run.__dict__["__signature__"] = inspect.Signature(options)
-    run.__annotations__ = {each.name: each.annotation for each in options}
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in options}
     return run
 
 
-def _looked_at(
-    name: str, result: Any, summary: Mapping[str, Any], folder: Path, given: Mapping[str, Any]
+def _next_steps(
+    name: str, result: Any, summary: Mapping[str, Any], folder: Path, values: Mapping[str, Any]
 ) -> tuple[Path, str]:
-    """The file to open first, and what a user would type next.
+    """Return the file to open first, and a command to run next.
 
-    That is what shows a recording; else the whole of a short run, or a short one of all studies.
+    The command opens a recording, if there is one; else it runs the full study after a quick one,
+    or a quick report.
     """
     first = result.pictures[0].file if result.pictures else f"{name}.md"
     recordings = [file for file in summary["files"] if file.endswith(".rrd")]
-    words = command_of(name) if given["quick"] else ["fjh", "paper", "report", "--quick"]
+    arguments = command_of(name) if values["quick"] else ["fjh", "paper", "report", "--quick"]
     if recordings:
-        words = ["rerun", str(folder / recordings[0])]
-    return folder / first, shlex.join(words)
+        arguments = ["rerun", str(folder / recordings[0])]
+    return folder / first, shlex.join(arguments)
 
 
 @contextmanager
 def diverged_into(folder: Path) -> Iterator[None]:
-    """Leave the state of a diverging simulation in the folder, and raise `Unsound`."""
-    import numpy as np  # late: the help text does not wait for MuJoCo's import
+    """Write the state of a diverging simulation to the folder, and raise `Unsound`."""
+    import numpy as np  # late, as the help text must not wait for MuJoCo's import
 
     from sim import SimulationDiverged
 

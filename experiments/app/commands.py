@@ -1,11 +1,11 @@
-"""The commands that show what runs and studies left: results, review, render, animate."""
+"""Commands that show results of runs and studies: results, review, render, animate."""
 
 import re
 import shlex
 from pathlib import Path
 from typing import Annotated
 
-from experiments.app.terminal import print_ending, progress
+from experiments.app.terminal import print_summary, progress
 from fjh.study.errors import Unsound, WrongInput
 from fjh.study.files import published, usable_file
 from fjh.study.input_checks import check_file
@@ -16,7 +16,7 @@ _SIZE = re.compile(r"([1-9]\d{1,3})x([1-9]\d{1,3})")
 
 Model = Annotated[
     Path | None,
-    Option("The machine file of the runs, MJCF.  [default: that which they name]", "FILE"),
+    Option("Machine file of the runs, MJCF.  [default: the one named in the runs]", "FILE"),
 ]
 
 
@@ -29,15 +29,15 @@ def results(
         ),
     ],
     against: Annotated[
-        Path | None, Option("A former result of the same study: say what changed.", "FOLDER")
+        Path | None, Option("Earlier result of the same study, to compare with.", "FOLDER")
     ] = None,
 ) -> None:
-    """Print runs and checks of results, or what changed since a former result.
+    """Print runs and checks of results, or their changes since an earlier result.
 
-    A change is one by more than noise: docs/recordings.md says what noise is. Rows are compared by
-    their names, whatever their order; settings that differ are said first. The exit code is 1 if a
-    check failed or, with --against, fails that did not. In Python `fjh.results` and `fjh.compare`
-    give the same as data frames.
+    Changes within noise (see docs/recordings.md) are left out. Rows are matched by their names;
+    settings that differ are printed first. The exit code is 1 if a check failed or, with --against,
+    if a check fails that passed before. In Python `fjh.results` and `fjh.compare` return the same
+    as data frames.
 
     Example: fjh results results/table1 --against docs/data/table1.json
     """
@@ -46,24 +46,24 @@ def results(
     elif len(places) > 1:
         raise WrongInput(f"one result is compared with {against}, got {len(places)}")
     else:
-        from fjh.comparison import compare  # late: help does not wait for it
+        from fjh.comparison import compare  # late, as the help text must not wait for it
 
-        found = compare(against, places[0])
-        text, failing = str(found), [str(each) for each in found.failing.what]
+        changes = compare(against, places[0])
+        text, failing = str(changes), [str(what) for what in changes.failing.what]
     for line in text.splitlines():
         print(printable(line))
     if failing:
-        news = "" if against is None else " that did not"
+        news = "" if against is None else " that passed before"
         raise Unsound(f"{len(failing)} checks fail{news}: {failing[0]}")
 
 
 def _listed(folders: list[Path]) -> tuple[str, list[str]]:
-    """Runs and checks of results as text, and the checks that failed."""
+    """Return the runs and checks of results as text, and the checks that failed."""
     from fjh.result_frames import results as read  # late, as above
 
-    parts, failing, found = [], list[str](), read(*folders)
-    for (study, place), runs in found.runs.groupby(["study", "folder"], sort=False):
-        checks = found.checks[found.checks.folder == place]
+    parts, failing, frames = [], list[str](), read(*folders)
+    for (study, place), runs in frames.runs.groupby(["study", "folder"], sort=False):
+        checks = frames.checks[frames.checks.folder == place]
         failed = checks[~checks.passed.astype(bool)] if len(checks) else checks
         failing += [f"{study}: {what}" for what in failed.get("what", ())]
         passed = f"{len(checks) - len(failed)} of {len(checks)} checks passed"
@@ -85,10 +85,10 @@ def review(
 ) -> None:
     """Show several runs of any robots side by side in one recording.
 
-    Two or three runs have the robot in 3D, its error, inputs, secondary motion, states and events;
-    of more there is one column of plots each, a page with the robots, and one with the numbers.
-    Runs of one robot and task are on the same scales. A robot's machine file is found by its
-    SHA-256, where `fjh track` read it or in models/. Takes seconds.
+    Two or three runs are shown with the robot in 3D, error, inputs, secondary motion, states and
+    events; more runs with one column of plots each, a page of robots, and one of numbers. Runs of
+    one robot and task have the same scales. The machine file of a robot is located by its SHA-256,
+    where `fjh track` read it or in models/. Takes seconds.
 
     Example: fjh review results/table1 results/track --out /tmp/runs.rrd
     """
@@ -96,12 +96,12 @@ def review(
     for run in (run for run in runs if not run.is_dir()):
         check_file(run)
     with progress("review"):
-        from fjh.recording.review import write_review  # late: help does not wait for it
+        from fjh.recording.review import write_review  # late, as above
 
         with published(folder, index=out.name) as staging:
             write_review(staging / out.name, runs, model)
-    checked = "All runs agree with the numbers in the JSON beside them."
-    print_ending(checked, out, shlex.join(["rerun", str(out)]))
+    checked = "All runs agree with the numbers in their JSON files."
+    print_summary(checked, out, shlex.join(["rerun", str(out)]))
 
 
 def render(
@@ -116,9 +116,9 @@ def render(
 ) -> None:
     """Make a picture of a recording: the viewer's views, on white.
 
-    Needs no display, but a graphics card or Mesa's Vulkan driver (mesa-vulkan-drivers). Without a
-    display the viewer has only a dark theme: dark and light greys are exchanged. A warning of the
-    viewer counts as an error. Takes 5 s.
+    Needs a graphics card or Mesa's Vulkan driver (mesa-vulkan-drivers), but no display. Without a
+    display the viewer has only a dark theme, whose dark and light greys are exchanged. A warning of
+    the viewer counts as an error. Takes 5 s.
 
     Example: fjh render results/table1/W_e.rrd --time 6 --out picture.png
     """
@@ -133,7 +133,7 @@ def render(
         picture = picture_of(file, time, (int(pixels[1]), int(pixels[2])))
         with published(folder, index=out.name) as staging:
             picture.save(staging / out.name)
-    print_ending("The viewer gave no warning.", out, shlex.join(["rerun", str(file)]))
+    print_summary("The viewer gave no warning.", out, shlex.join(["rerun", str(file)]))
 
 
 def animate(
@@ -144,10 +144,9 @@ def animate(
 ) -> None:
     """Make an animation of a run, or of two side by side.
 
-    It shows the machine, with what has failed in magenta, its path and its error as the viewer
-    does; two runs of one robot and task are on the same scales. It begins shortly before the first
-    failure. Like `fjh render` it needs a Vulkan driver, but no display. A GIF of 8 s, below 1 MB;
-    takes half a minute.
+    It shows the machine with failed parts in magenta, its path and its error; two runs of one robot
+    and task have the same scales. It starts shortly before the first failure. Like `fjh render` it
+    needs a Vulkan driver, but no display. The GIF lasts 8 s, below 1 MB, and takes half a minute.
 
     Example: fjh animate unaware/track.npz diagnosed/track.npz --out lock.gif
     """
@@ -161,4 +160,4 @@ def animate(
 
         write_animation(staging / out.name, runs, model, on_progress)
     following = shlex.join(["fjh", "review", *map(str, runs)])
-    print_ending("The viewer gave no warning.", out, following)
+    print_summary("The viewer gave no warning.", out, following)

@@ -1,4 +1,4 @@
-"""The command `fjh live`: a machine in the browser that one can break."""
+"""Command `fjh live`: interactive simulation of failures in the browser."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -18,26 +18,26 @@ def live(
         int | None,
         Option(
             metavar="PORT",
-            help="To listen at.  [default: 8080, or the next that is free]",
+            help="Port to listen on.  [default: 8080, or the next free one]",
             bounds=(1, 65535),
         ),
     ] = None,
-    seed: Annotated[int, seed_of("all noise, and of what is drawn of disturbances")] = 0,
+    seed: Annotated[int, seed_of("all noise and random disturbances")] = 0,
     out: Annotated[
-        Path, Option(metavar="FOLDER", help="Folder for recordings that are asked for.")
+        Path, Option(metavar="FOLDER", help="Folder for recordings saved on the page.")
     ] = Path("results", "live"),
 ) -> None:
-    """Break a machine in the browser, and see what its controller does about it.
+    """Cause failures of a robot in the browser, and watch its controller react.
 
-    Two machines fly side by side, in real time as far as this computer keeps up: one is supervised,
-    the other's controller does nothing about failures. Buttons lock, release or weaken each
-    actuator, and a dot marks what it is now; others bump the payload, add hum, freeze a sensor, let
-    the supply sag, or change path, weights and diagnosis. The robot is an MJCF file; without one it
-    is the hexapod. The page is for browsers of this machine alone, at the address that is printed,
-    until Ctrl-C; no other page that is open there can press its buttons. It is there within 8 s,
-    the first time on a computer after up to two minutes.
+    Two robots are simulated side by side, in real time if the computer is fast enough: one with the
+    supervisor, one with a controller without diagnosis. Buttons lock, release or weaken each
+    actuator, whose state a dot marks; others bump the payload, add hum, freeze a sensor, lower the
+    supply voltage, or change path, weights and diagnosis. The robot is an MJCF file, by default the
+    hexapod. The page is served to browsers on this computer only, at the printed address, until
+    Ctrl-C; other pages open there cannot press its buttons. It is ready within 8 s, on the first
+    start on a computer within two minutes.
 
-    Writes nothing, unless asked for the last minute: live_1.rrd and so on in the folder.
+    Writes live_1.rrd and so on to the folder when a button saves the last minute, else nothing.
 
     Example: fjh live arm.xml --site tool --major x,y,z
     """

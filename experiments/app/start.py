@@ -1,4 +1,4 @@
-"""The start of `fjh`: what is not installed is said before anything is imported that needs it."""
+"""Entry point of `fjh`, which checks the installed packages before it imports them."""
 
 import os
 import signal
@@ -12,22 +12,22 @@ PACKAGES = (
     *("typer", "viser"),
     *("mjviser", "psutil", "pyarrow", "rerun", "rerun_loader_mjcf", "rich", "threadpoolctl"),
 )
-"""What the extra `all` installs, as it is imported."""
+"""Import names of the packages of the extra `all`."""
 
 
 def run() -> None:
-    """Entry point of the command; a package that is not installed is one sentence, exit code 2."""
-    if absent := [name for name in PACKAGES if find_spec(name) is None]:
+    """Run the command and exit; if a package is missing, print a message and exit with code 2."""
+    if missing := [name for name in PACKAGES if find_spec(name) is None]:
         notice(
-            f"fjh needs packages that are not installed, {', '.join(absent)}: "
+            f"fjh needs packages that are not installed, {', '.join(missing)}: "
             'in a checkout, pip install ".[all]"'
         )
         sys.exit(2)
     from experiments.app.cli import main
 
     code = main()
-    for each in SIGNALS:
-        signal.signal(each, signal.SIG_IGN)  # all is written, and said
-    if interrupted():  # Python may have noted the exception, and would end by Ctrl-C's signal
+    for signal_number in SIGNALS:
+        signal.signal(signal_number, signal.SIG_IGN)  # all output is written
+    if interrupted():  # else Python may end with the signal of Ctrl-C instead of this code
         os._exit(code)
     sys.exit(code)

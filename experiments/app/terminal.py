@@ -1,4 +1,4 @@
-"""What a person at a terminal sees: progress, tables, and what was written."""
+"""Output on the terminal: progress, tables, and a summary of the files written."""
 
 import sys
 from collections.abc import Iterator, Sequence
@@ -14,14 +14,13 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def progress(description: str, *, shown: bool = True) -> Iterator[OnProgress]:
-    """A progress bar on standard error, if that is a terminal.
+def progress(description: str, *, show: bool = True) -> Iterator[OnProgress]:
+    """Display a progress bar on standard error, if that is a terminal.
 
-    It says that the work is being prepared until a first number of steps is known, and that its
-    results are being made after the last step. The work begins here: from here on Ctrl-C is an
-    exception.
+    Its label is "preparing" until the number of steps is known, and "evaluating" after the last
+    step. From here on Ctrl-C raises an exception.
     """
-    # Late: the help text does not wait for it.
+    # Late, as the help text must not wait for it.
     from rich import progress as rich
     from rich.console import Console
 
@@ -32,24 +31,24 @@ def progress(description: str, *, shown: bool = True) -> Iterator[OnProgress]:
         *(rich.TimeElapsedColumn(), rich.TimeRemainingColumn()),
         console=Console(stderr=True),
         transient=True,
-        disable=not (shown and sys.stderr.isatty()),
+        disable=not (show and sys.stderr.isatty()),
     )
     with bar:
         task = bar.add_task(f"{description}: preparing", total=None, steps="")
 
         def update(done: int, total: int) -> None:
-            said = description if done < total else f"{description}: evaluating"
-            bar.update(task, description=said, completed=done, total=total, steps=f"{done}/{total}")
+            text = description if done < total else f"{description}: evaluating"
+            bar.update(task, description=text, completed=done, total=total, steps=f"{done}/{total}")
 
         yield update
 
 
 def print_table(table: "TableView") -> None:
-    """A table on standard output, its legend below; a wide one goes on below itself."""
+    """Print a table and its legend on standard output; wide tables are wrapped by columns."""
     import pandas as pd  # late, as above
     from rich.console import Console
 
-    # Units stand in brackets, where markup would.
+    # Brackets hold units, not markup.
     console = Console(markup=False, emoji=False, highlight=False)
     first, *headings = table.headings
     cells = table.cells()
@@ -63,20 +62,20 @@ def print_table(table: "TableView") -> None:
 
 
 def print_notes(notes: Sequence[str]) -> None:
-    """Sentences on standard output, one paragraph each."""
+    """Print sentences on standard output, one paragraph each."""
     from rich.console import Console
 
     for note in notes:
         Console().print(note, emoji=False, highlight=False, markup=False)
 
 
-def print_ending(checked: str, written: Path, following: str) -> None:
-    """Three lines on standard output; paths and commands are not broken, so as to be copied.
+def print_summary(checked: str, written: Path, following: str) -> None:
+    """Print a summary of three lines on standard output, without breaking paths and commands.
 
     Args:
-        checked: What was checked, and with which result; a sentence.
-        written: The file to open first.
-        following: The command that a user would type next.
+        checked: Sentence with the result of the checks.
+        written: File to open first.
+        following: Command to run next.
     """
     from rich.console import Console
 

@@ -1,4 +1,4 @@
-"""The study `recover`: unannounced failures and events; docs/recover.md."""
+"""Study `recover`: unannounced failures and events; docs/recover.md."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -15,14 +15,14 @@ from experiments.recover.figure import pictures
 from experiments.recover.plan import BENCH, Case, exact_rig, sizes_of
 from experiments.recover.row import (
     COLUMNS,
-    INFORMED_LATE,
+    LATE_FAILURES,
     dither_cost,
-    fly,
-    fly_other,
     informed_late,
     row_of,
+    simulate,
+    simulate_other,
 )
-from experiments.recover.tables import WORST, checks, grouped, noise_of, notes, printed
+from experiments.recover.tables import WORST, checks, grouped, noise_of, notes, printed_tables
 from experiments.study import HERE, Row, Where, basis_of, rows_of
 from fjh.recording.record import About, write_run
 from fjh.rig.checks import CLOSURE_LIMIT_M
@@ -52,10 +52,10 @@ from sim import CLOSURE_TOLERANCE, Failure
 from sim.mjcf import model_sha256
 
 HOURS, TURN_S = 2.0, 4.0
-OF_TRACK = Option("As of `fjh track`.", listed=False)
-"""By default: without failures; of a turn of another robot's circle."""
+"""Defaults: hours without failures, and duration of a turn of another robot's circle [s]."""
+OF_TRACK = Option("Same as in `fjh track`.", listed=False)
 
-SHOWN = {
+RECORDED = {
     "locked": (Failure(0, "locked", 8.25),),
     "free": (Failure(0, "free", 8.25),),
     "cascade": (
@@ -65,8 +65,8 @@ SHOWN = {
         Failure(4, "locked", 10.0),
     ),
 }
-"""Failures of the runs that are kept whole, by name. The cascade leaves struts 3 and 6 in the end,
-which pull in one direction of the (alpha, beta) plane."""
+"""Failures of the recorded runs, by name. The cascade leaves struts 3 and 6 in the end, which act
+in one direction of the (alpha, beta) plane."""
 
 
 def recover(
@@ -77,15 +77,15 @@ def recover(
         Path | None,
         Option(
             metavar="MODEL.xml",
-            help="Another robot, on a circle; its options are those of fjh track.",
+            help="Another robot, on a circle; with the options of fjh track.",
         ),
     ] = None,
     hours: Annotated[
         float,
-        Option(metavar="H", help="Simulated without failures, unless --quick."),
+        Option(metavar="H", help="Simulated time without failures, unless --quick."),
     ] = HOURS,
     events: Annotated[
-        bool, Option(help="Events that no hypothesis has (docs/recover.md); 30 minutes.")
+        bool, Option(help="Events without a hypothesis (docs/recover.md); 30 minutes.")
     ] = False,
     controller: Controller = None,
     where: Where = HERE,
@@ -98,9 +98,9 @@ def recover(
     """Simulate unannounced actuator failures; measure detection, isolation and recovery.
 
     Struts lock, or lose coil force, at random times, on plants that differ from the controller's
-    model. Compared with a controller that is informed at once, and with one that never is.
-    40 minutes on two idle cores, half a minute with --quick; --events and --model run other cases
-    instead. Ctrl-C keeps finished rows, and --resume continues.
+    model. The supervisor is compared with a controller that is informed at once, and with one
+    without diagnosis. 40 minutes on two idle cores, half a minute with --quick; --events and
+    --model simulate other cases instead. After Ctrl-C, --resume continues.
 
     Writes recover.json, the rows as recover.parquet, tables, a figure, some runs and recordings.
 
@@ -108,44 +108,46 @@ def recover(
     """
     check_within("hours", hours, 1e-3, 1e6)
     check_bounds("turn", turn)
-    of_hexapod = {"hours": hours != HOURS, "controller": controller, "scheduler": where.scheduler}
-    of_robot = {"turn": turn != TURN_S, "dither": dither != "designed"}
-    of_robot |= {
-        each.name: getattr(robot, each.name) != each.default for each in fields(RobotOptions)
+    hexapod_options = {
+        "hours": hours != HOURS,
+        "controller": controller,
+        "scheduler": where.scheduler,
     }
-    refuse_others(of_hexapod, of_robot, is_robot=model is not None, events=events)
+    robot_options = {"turn": turn != TURN_S, "dither": dither != "designed"}
+    robot_options |= {f.name: getattr(robot, f.name) != f.default for f in fields(RobotOptions)}
+    refuse_others(hexapod_options, robot_options, is_robot=model is not None, events=events)
     if controller is not None:
-        controller_factory(controller)  # a wrong name is refused before anything runs
+        controller_factory(controller)  # raises for a wrong name, before anything runs
     jobs = list[Job]()
     if model is None:
-        drawn_from = hexapod_basis(seed, quick, events, controller)
-        cases = plan.hexapod_cases(drawn_from, 1 if quick else plan.healthy_for(hours))
-        jobs = [] if events else beside(cases[0], controller, seed, quick)
+        sampling = hexapod_basis(seed, quick, events, controller)
+        cases = plan.hexapod_cases(sampling, 1 if quick else plan.healthy_for(hours))
+        jobs = [] if events else additional_jobs(cases[0], controller, seed, quick)
         dithers = {"task": asdict(DITHER)}
     else:
         file = check_file(model).resolve()
         names = () if not events else plan.QUICK_ROBOT_EVENTS if quick else tuple(EVENTS)
         how = {"turn_s": turn, "dither": dither, "seed": seed, "quick": quick}
-        drawn_from = {"robot": asdict(robot), "robot_sha256": model_sha256(file), **how}
-        drawn_from |= {"events": names} if events else {}
+        sampling = {"robot": asdict(robot), "robot_sha256": model_sha256(file), **how}
+        sampling |= {"events": names} if events else {}
         cases, dithers = plan.robot_cases(file, robot, events=names, **how)
 
     def progress(first: int) -> OnProgress:
         return lambda done, _: on_progress(first + done, len(cases) + len(jobs))
 
-    basis, rig = basis_of(**drawn_from), exact_rig(cases[0].model, cases[0].options)
+    basis, rig = basis_of(**sampling), exact_rig(cases[0].model, cases[0].options)
     rows = rows_of(
         cases, row_of, basis, where, name="recover", folder=folder, on_progress=progress(0)
     )
     rows = rows.reindex(columns=[*dict.fromkeys((*COLUMNS, *rows))])
-    found = {name: list[Any]() for name, _ in jobs}
-    made = in_parallel(call, [{"work": work} for _, work in jobs], progress(len(cases)))
-    for (name, _), entries in zip(jobs, made, strict=True):
-        found[name] += entries
-    shown, noise = found.pop("shown", []), noise_of(rig)
-    found |= {"shown": [row for row, _ in shown]} if shown else {}
+    rows_by_table = {name: list[Any]() for name, _ in jobs}
+    results = in_parallel(call, [{"work": work} for _, work in jobs], progress(len(cases)))
+    for (name, _), entries in zip(jobs, results, strict=True):
+        rows_by_table[name] += entries
+    recorded, noise = rows_by_table.pop("shown", []), noise_of(rig)
+    rows_by_table |= {"shown": [row for row, _ in recorded]} if recorded else {}
     tables = grouped(rows, noise)
-    tables |= {name: pd.DataFrame(entries) for name, entries in found.items()}
+    tables |= {name: pd.DataFrame(entries) for name, entries in rows_by_table.items()}
     if controller is not None:
         tables["controller"] = controller_table(controller, rows, tables["shown"])
     settings = settings_of(rig, dithers, cases, basis) | {"sorts": dict(Counter(rows.sort))}
@@ -154,86 +156,89 @@ def recover(
         settings,
         tables,
         checked,
-        printed(tables),
+        printed_tables(tables),
         notes(rows, tables),
         pictures(rows, tables, noise),
-        records=[partial(record, settings, checked, row, run) for row, run in shown],
+        records=[partial(record, settings, checked, row, run) for row, run in recorded],
         rows=rows,
     )
 
 
 def refuse_others(
-    of_hexapod: Mapping[str, Any], of_robot: Mapping[str, Any], *, is_robot: bool, events: bool
+    hexapod: Mapping[str, Any], robot: Mapping[str, Any], *, is_robot: bool, events: bool
 ) -> None:
-    """Refuse options that are for other cases; those that are not as by default are true.
+    """Check that no option for other cases is given; options other than their defaults are true.
 
     Raises:
-        WrongInput: One is given.
+        WrongInput: An option for other cases is given.
     """
-    for name in (name for name, given in (of_hexapod if is_robot else of_robot).items() if given):
-        for_whom = "does not go with" if is_robot else "needs"
-        raise WrongInput(f"--{name.replace('_', '-')} {for_whom} --model")
-    if of_robot["sense"]:
+    others = hexapod if is_robot else robot
+    for name in (name for name, is_given in others.items() if is_given):
+        relation = "does not go with" if is_robot else "needs"
+        raise WrongInput(f"--{name.replace('_', '-')} {relation} --model")
+    if robot["sense"]:
         raise WrongInput("--sense does not go with --model: each sensing is simulated")
     for name in ("hours", "controller") if events else ():
-        if of_hexapod[name]:
+        if hexapod[name]:
             raise WrongInput(f"--{name} does not go with --events")
-    if of_hexapod["controller"] and of_hexapod["scheduler"]:
+    if hexapod["controller"] and hexapod["scheduler"]:
         raise WrongInput("--controller does not go with --scheduler: its module is here alone")
 
 
 def hexapod_basis(seed: int, quick: bool, events: bool, controller: str | None) -> dict[str, Any]:
-    """What failures or events of the hexapod are drawn from."""
+    """Return the sampling parameters of failures or events of the hexapod."""
     if events:
-        names, each = (plan.QUICK_EVENTS, 1) if quick else (tuple(EVENTS), plan.EVENTS_EACH)
+        names, count = (plan.QUICK_EVENTS, 1) if quick else (tuple(EVENTS), plan.EVENTS_EACH)
         healthy_s = 2.0 if quick else 3600.0
-        return {"seed": seed, "events": {"names": names, "each": each, "healthy_s": healthy_s}}
+        return {"seed": seed, "events": {"names": names, "each": count, "healthy_s": healthy_s}}
     blocks, healthy_s = (plan.QUICK, 2.0) if quick else (plan.WHOLE, BENCH.duration_s)
-    flights = {"blocks": blocks, "healthy_s": healthy_s, "controller": controller}
+    failures_basis = {"blocks": blocks, "healthy_s": healthy_s, "controller": controller}
     own = {} if controller is None else {"controller_sha256": controller_sha256(controller)}
-    return {"seed": seed, "flights": flights} | own
+    return {"seed": seed, "flights": failures_basis} | own
 
 
 Job = tuple[str, Callable[[], list[Any]]]
-"""A table, and what makes rows of it, on any machine."""
+"""Name of a table, and the function that makes rows of it on any worker."""
 
 
-def beside(first: Case, controller: str | None, seed: int, quick: bool) -> list[Job]:
-    """What is done beside failures of the hexapod, with --quick a little of it."""
-    few, flies = 1 if quick else None, dict.fromkeys((None, controller))
-    struts, late = range(6)[:few], () if quick else INFORMED_LATE
-    names, settings = [*SHOWN][:few], [*predictions.SETTINGS][:few]
+def additional_jobs(first: Case, controller: str | None, seed: int, quick: bool) -> list[Job]:
+    """Return the analyses in addition to failures of the hexapod, fewer with --quick."""
+    count, controllers = 1 if quick else None, dict.fromkeys((None, controller))
+    struts, late = range(6)[:count], () if quick else LATE_FAILURES
+    names, settings = [*RECORDED][:count], [*predictions.SETTINGS][:count]
     jobs: list[Job] = [
-        *(("shown", partial(kept, name, seed, quick, own)) for own in flies for name in names),
+        *(("shown", partial(recorded_run, n, seed, quick, c)) for c in controllers for n in names),
         *(("informed_late", partial(informed_late, failure)) for failure in late),
-        *(("ambiguity", partial(predictions.lookalikes, name, struts)) for name in settings),
+        *(("ambiguity", partial(predictions.ambiguity_rows, name, struts)) for name in settings),
         ("dither_cost", partial(dither_cost, first, 1.0 if quick else BENCH.duration_s)),
-        ("beliefs", partial(predictions.beliefs, struts)),
+        ("beliefs", partial(predictions.stability_rows, struts)),
     ]
     return jobs if quick else [("dither_design", predictions.dither_design), *jobs]
 
 
-def kept(name: str, seed: int, quick: bool, controller: str | None) -> list[tuple[Row, Run]]:
-    """Row and run of one of those that are shown, with all mismatches: the spiral from its start.
+def recorded_run(
+    name: str, seed: int, quick: bool, controller: str | None
+) -> list[tuple[Row, Run]]:
+    """Simulate a recorded run with all mismatches; return its row and the run.
 
-    Or, if `quick`, from shortly before the failures.
+    It is the spiral from its start or, if `quick`, from shortly before the failures.
     """
-    begin_s = SHOWN[name][0].time_s - plan.BEFORE_S if quick else 0.0
-    duration_s = SHOWN[name][-1].time_s + 2.0 - begin_s
-    case = Case("pair", plant_seed=seed, seed=seed, dither=plan.about(0.0), failures=SHOWN[name])
+    begin_s = RECORDED[name][0].time_s - plan.BEFORE_S if quick else 0.0
+    duration_s = RECORDED[name][-1].time_s + 2.0 - begin_s
+    case = Case("pair", plant_seed=seed, seed=seed, dither=plan.about(0.0), failures=RECORDED[name])
     case = replace(case, begin_s=begin_s, duration_s=duration_s, controller=controller)
-    row, run = fly(case) if controller is None else fly_other(case, controller)
+    row, run = simulate(case) if controller is None else simulate_other(case, controller)
     label = name if controller is None else f"{controller_label(controller)}_{name}"
     row["closure_residual_max_m"] = run.closure_max_m
     return [({"name": label, "controller": controller} | case.parameters() | row, run)]
 
 
-def controller_table(name: str, rows: pd.DataFrame, shown: pd.DataFrame) -> pd.DataFrame:
-    """Somebody else's controller in the cases with all mismatches, and in the shown runs."""
-    flown, theirs = rows[rows.rms_other_after.notna()], shown[shown.controller.notna()]
-    square = [(flown[f"rms_{who}_after"] ** 2).mean() for who in ("other", "informed")]
-    failures = [*flown.controller_failure.dropna(), *theirs.controller_failure.dropna()]
-    counts = {"runs": len(flown) + len(theirs), "failed": len(failures)}
+def controller_table(name: str, rows: pd.DataFrame, recorded: pd.DataFrame) -> pd.DataFrame:
+    """Summarize another controller in the cases with all mismatches and in the recorded runs."""
+    simulated, others = rows[rows.rms_other_after.notna()], recorded[recorded.controller.notna()]
+    square = [(simulated[f"rms_{who}_after"] ** 2).mean() for who in ("other", "informed")]
+    failures = [*simulated.controller_failure.dropna(), *others.controller_failure.dropna()]
+    counts = {"runs": len(simulated) + len(others), "failed": len(failures)}
     over = {"name": name, "after_over_informed": np.sqrt(square[0] / square[1])}
     return pd.DataFrame([over | counts | {"failure": [*failures, None][0]}])
 
@@ -241,8 +246,8 @@ def controller_table(name: str, rows: pd.DataFrame, shown: pd.DataFrame) -> pd.D
 def settings_of(
     rig: Rig, dithers: Mapping[Any, Any], cases: Sequence[Case], basis: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """What numbers depend on: errors are in sizes of the path, other units in the names."""
-    sizes = {each.mismatch: asdict(sizes_of(rig, each.mismatch)) for each in cases}
+    """Return the settings; errors are in sizes of the path, other units are in the names."""
+    sizes = {case.mismatch: asdict(sizes_of(rig, case.mismatch)) for case in cases}
     settings = origin(basis["seed"]) | {
         "basis": basis,
         "runs": len(cases),
@@ -260,11 +265,11 @@ def settings_of(
         },
         "rules": asdict(DEFAULT_CONFIG),
         "dither": dithers,
-        "recovered_from_s": max(each.recovered_s for each in cases),
+        "recovered_from_s": max(case.recovered_s for case in cases),
         "noise": noise_of(rig),
         "worst_allowed": WORST,
         "separation_required": predictions.ISOLABLE,
-        "alike_below": predictions.ALIKE,
+        "alike_below": predictions.AMBIGUOUS,
         "evidence_s": predictions.EVIDENCE_S,
         "closure_limit_m": CLOSURE_LIMIT_M if rig.file is None else CLOSURE_TOLERANCE,
     }
@@ -277,14 +282,14 @@ def settings_of(
 def record(
     settings: Mapping[str, Any], checks: Sequence[Check], row: Row, run: Run, folder: Path
 ) -> None:
-    """Write data and recording of a run that is kept whole."""
+    """Write the data and the recording of a run."""
     name, controller = row["name"], row["controller"]
     own = {} if controller is None else {"controller": controller}
     about = About(
         study="recover",
         identity=f"recover-{name}-seed{settings['seed']}",
         title=name,
-        notes=["Nothing announces the failures, and the plant differs from the model."],
+        notes=["The failures are unannounced, and the plant differs from the model."],
         parameters=recording_properties(dict(settings)) | own,
         checks=checks,
         summary=row.get("controller_failure") or "",
@@ -292,15 +297,17 @@ def record(
     write_run(folder / f"{name}.rrd", exact_rig(), run, about, arrays=hexapod_arrays(run))
 
 
-def again(summary: Mapping[str, Any]) -> tuple[tuple[Case, ...], Callable[[Case], tuple[Row, Run]]]:
-    """The runs that a `recover.json` is of, and what flies one.
+def repeatable_runs(
+    summary: Mapping[str, Any],
+) -> tuple[tuple[Case, ...], Callable[[Case], tuple[Row, Run]]]:
+    """Return the runs of a `recover.json`, and the function that repeats one.
 
-    Another controller is not run again: its columns are not among those of the dataset.
+    Another controller is not repeated: its columns are not among those of the dataset.
 
     Raises:
-        WrongInput: They are of another robot, whose file its results do not have.
+        WrongInput: The runs are of another robot, whose file is not among the results.
     """
     basis = summary["basis"]
     if "robot" in basis:
         raise WrongInput("runs of another robot cannot be repeated without its file")
-    return plan.hexapod_cases(basis, summary["sorts"].get("healthy", 0)), fly
+    return plan.hexapod_cases(basis, summary["sorts"].get("healthy", 0)), simulate

@@ -1,4 +1,4 @@
-"""A case as a row: what was drawn, what the diagnosis made of it, and the controllers' errors."""
+"""Simulation of a case to a row: parameters, results of the diagnosis, errors by controller."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from sim import Array, Failure, SimulationDiverged
 
 CONTROLLERS = ("supervised", "informed", "unaware")
 SPANS = ("before", "during", "after", "since")
-"""Of a run: before what happens, from then until recovery, from recovery on; and both of these."""
+"""Parts of a run: before the failure or event, from it to recovery, after it, both of these."""
 
 COLUMNS = [
     *("case", "sort", "sense", "draw", "mismatch", "factor", "plant_seed", "seed"),
@@ -37,40 +37,42 @@ COLUMNS = [
     *("task_lost", "lost_rightly", "commands_changed", "report", "closure_residual_max_m"),
     *(f"{what}_{c}_{span}" for c in CONTROLLERS for span in SPANS for what in ("rms", "peak")),
 ]
-"""Of the dataset: `alarm_s` and `named_s` from the failure or event on, errors of all major rows
-together in sizes of the path."""
+"""Columns of the dataset: `alarm_s` and `named_s` are relative to the failure or event, errors of
+all major rows together are in sizes of the path."""
 
 
 def row_of(case: Case) -> Row:
-    """The row of a case, which is simulated here.
+    """Simulate a case; return its row.
 
-    Its status is "flown"; "ended" where the supervised controller's run ends by an error or an
-    infinite number, which `message` has; or "refused", if the robot cannot have the event.
+    The status is "flown"; "ended" if the supervised controller's run ends by an error, or is not
+    finite, as in `message`; or "refused", if the robot cannot have the event.
     """
     row, rig = case.parameters(), case.rig()
     try:
-        failures = caused(rig, case)
-    except WrongInput as refused:
-        return row | {"status": "refused", "message": str(refused)}
-    run, why = attempted(lambda: supervised(rig, case))
-    row |= {"status": "ended", "message": why}
-    beside = {"unaware": lambda: unaware(rig, case)} if "unaware" in case.compared else {}
+        failures = all_failures(rig, case)
+    except WrongInput as error:
+        return row | {"status": "refused", "message": str(error)}
+    run, reason = attempt(lambda: simulate_supervised(rig, case))
+    row |= {"status": "ended", "message": reason}
+    simulations = (
+        {"unaware": lambda: simulate_undiagnosed(rig, case)} if "unaware" in case.compared else {}
+    )
     if run is not None:
         row |= supervised_columns(rig, case, run) | {"status": "flown"}
         if "informed" in case.compared and not row["lost_rightly"]:
-            fault, tick = Fault.of(failures[0]), tick_at(rig, case, case.happens_s)
-            told = replace(case, failures=failures, events=())
-            stood = float(run.displacement[tick, fault.actuator])
-            beside["informed"] = lambda: informed(rig, told, fault, stood)
+            fault, tick = Fault.of(failures[0]), tick_at(rig, case, case.onset_s)
+            informed_case = replace(case, failures=failures, events=())
+            position = float(run.displacement[tick, fault.actuator])
+            simulations["informed"] = lambda: simulate_informed(rig, informed_case, fault, position)
         if case.sort == "healthy":
-            # Whether alarms changed a command is found by a run without a diagnosis.
-            without = unaware(rig, case) if row["alarms"] else run
-            row["commands_changed"] = not np.array_equal(run.inputs, without.inputs)
-    for controller, simulate in beside.items():
-        theirs, row[f"{controller}_ended"] = attempted(simulate)
-        row |= {} if theirs is None else errors(rig, case, theirs, controller)
+            # A run without diagnosis shows whether alarms changed a command.
+            undiagnosed_run = simulate_undiagnosed(rig, case) if row["alarms"] else run
+            row["commands_changed"] = not np.array_equal(run.inputs, undiagnosed_run.inputs)
+    for controller, simulation in simulations.items():
+        other_run, row[f"{controller}_ended"] = attempt(simulation)
+        row |= {} if other_run is None else errors(rig, case, other_run, controller)
     if case.controller is not None:
-        row |= fly_other(case, case.controller)[0]
+        row |= simulate_other(case, case.controller)[0]
     if case.model is None and case.sort == "failure" and case.mismatch in ("exact", "all"):
         others, kinds = separations(case)
         row |= {"separation_from_others": others, "separation_from_kinds": kinds}
@@ -78,59 +80,59 @@ def row_of(case: Case) -> Row:
     return row
 
 
-def fly(case: Case) -> tuple[Row, Run]:
-    """The supervised controller's columns of a row, and its run."""
+def simulate(case: Case) -> tuple[Row, Run]:
+    """Simulate the supervised controller; return its columns of the row, and the run."""
     rig = case.rig()
-    run = supervised(rig, case)
+    run = simulate_supervised(rig, case)
     return supervised_columns(rig, case, run), run
 
 
-def fly_other(case: Case, controller: str) -> tuple[Row, Run]:
-    """Errors of somebody else's controller in a case, a sentence if it failed, and its run.
+def simulate_other(case: Case, controller: str) -> tuple[Row, Run]:
+    """Simulate another controller; return its errors, a sentence if it failed, and the run.
 
-    Only in the main thread of a process, where a controller that takes too long can be stopped.
+    To be called in the main thread of a process, where a slow controller can be stopped.
     """
     rig = case.rig()
-    run, failure = simulate_with(rig, controller, case.path(rig), **_how(case))
+    run, failure = simulate_with(rig, controller, case.path(rig), **_run_arguments(case))
     return errors(rig, case, run, "other") | {"controller_failure": failure}, run
 
 
-# What a diagnosis is worth.
+# Evaluation of the diagnosis.
 
 
 def supervised_columns(rig: Rig, case: Case, run: Run) -> Row:
-    """Columns of the supervised controller: errors, alarms, who was named, and what it reported.
+    """Return the columns of the supervised controller: errors, alarms, diagnoses, and its report.
 
-    An actuator is rightly named from its failure or event on, if the names of a diagnosis can
-    describe that; every other actuator is healthy. `right` is whether the first one named since
-    then is, or, where none can be, whether the cause is; None: nothing can rightly be named.
+    An actuator is correctly identified from its failure or event on, if diagnoses can describe
+    this; every other actuator is healthy. `right` is whether the first one identified since then is
+    correct, or, for events without a failed actuator, whether the cause is; None: nothing is.
     """
-    state, failures, period_s = run.state, caused(rig, case), rig.period_s
-    tick, expected = tick_at(rig, case, case.happens_s), _expected(rig, case, failures)
+    state, failures, period_s = run.state, all_failures(rig, case), rig.period_s
+    tick, expected = tick_at(rig, case, case.onset_s), _expected(rig, case, failures)
     onset = min((since for since, _ in expected.values()), default=tick)
-    named = [(each, tick_at(rig, case, each.time_s)) for each in run.diagnoses]
+    isolated = [(item, tick_at(rig, case, item.time_s)) for item in run.diagnoses]
     are_right = [
-        each.actuator in expected and at >= expected[each.actuator][0] for each, at in named
+        item.actuator in expected and at >= expected[item.actuator][0] for item, at in isolated
     ]
-    first = next((k for k, (_, at) in enumerate(named) if at >= onset), None)
-    alarms = [each for each in state.monitor_state.alarm_ticks if each >= tick]
-    standing = {rig.actuators[each.fault.actuator]: each for each in state.active_diagnoses}
-    last = next(((name, standing[name]) for name in expected if name in standing), None)
+    first = next((k for k, (_, at) in enumerate(isolated) if at >= onset), None)
+    alarms = [alarm for alarm in state.monitor_state.alarm_ticks if alarm >= tick]
+    active = {rig.actuators[one.fault.actuator]: one for one in state.active_diagnoses}
+    last = next(((name, active[name]) for name in expected if name in active), None)
     row: Row = {
         "alarms": len(state.monitor_state.alarm_ticks),
         "alarm_before": len(alarms) < len(state.monitor_state.alarm_ticks),
         "alarm_s": (alarms[0] - tick) * period_s if alarms else None,
         "right": _is_cause(rig, case, state.monitor_state.causes),
         "healthy_named": not all(are_right),
-        "withdrawn": sum(each.withdrawn_s is not None for each in run.diagnoses),
+        "withdrawn": sum(diagnosis.withdrawn_s is not None for diagnosis in run.diagnoses),
         "unexplained": state.monitor_state.unexplained,
         "task_lost": run.task_lost,
-        "lost_rightly": bool(failures) and is_lost(rig, failures),
+        "lost_rightly": bool(failures) and is_task_lost(rig, failures),
         "report": run.status,
         "closure_residual_max_m": run.closure_max_m,
     }
     if first is not None:
-        diagnosis, at = named[first]
+        diagnosis, at = isolated[first]
         row |= {"named_s": (at - onset) * period_s, "first_kind": diagnosis.kind}
         row["first_actuator"] = diagnosis.actuator
     if expected:
@@ -142,8 +144,8 @@ def supervised_columns(rig: Rig, case: Case, run: Run) -> Row:
         row["last_effectiveness"] = diagnosis.fault.effectiveness
         row["kind_confidence"] = diagnosis.kind_confidence
     if case.failures:
-        found = [_is_kind(expected, *each) for each in standing.items()]
-        identified = standing.keys() == expected.keys() and all(found)
+        kinds_match = [_is_kind(expected, *item) for item in active.items()]
+        identified = active.keys() == expected.keys() and all(kinds_match)
         row["all_right"] = identified and run.task_lost == row["lost_rightly"]
     return row | errors(rig, case, run, "supervised")
 
@@ -152,10 +154,10 @@ Expected = dict[str, tuple[int, tuple[str, ...]]]
 
 
 def _expected(rig: Rig, case: Case, failures: tuple[Failure, ...]) -> Expected:
-    """Actuators that may rightly be named, from which tick on, and as which kinds."""
+    """Return the actuators that are correct diagnoses, with first tick and kinds."""
     expected: Expected = {
-        rig.actuators[each.number]: (tick_at(rig, case, each.time_s), (each.kind,))
-        for each in failures
+        rig.actuators[failure.number]: (tick_at(rig, case, failure.time_s), (failure.kind,))
+        for failure in failures
     }
     if not case.events:
         return expected
@@ -167,26 +169,26 @@ def _expected(rig: Rig, case: Case, failures: tuple[Failure, ...]) -> Expected:
     return dict.fromkeys(expected, (onset, kind.correct_kinds))
 
 
-def _is_kind(expected: Expected, actuator: str, found: Diagnosis) -> bool:
-    """Whether a diagnosis has the kind of a failure, or does not tell it apart from its own."""
-    return actuator in expected and not {*expected[actuator][1]}.isdisjoint(found.kinds)
+def _is_kind(expected: Expected, actuator: str, diagnosis: Diagnosis) -> bool:
+    """Return whether a diagnosis includes the kind of the actuator's failure."""
+    return actuator in expected and not {*expected[actuator][1]}.isdisjoint(diagnosis.kinds)
 
 
 def _is_cause(rig: Rig, case: Case, causes: Sequence[Cause | None]) -> bool | None:
-    """Whether what is no failure was rightly explained; None: there is nothing to explain."""
+    """Return whether an event that is no failure was correctly explained; None for other events."""
     if not case.events or (kind := case.events[0].kind).cause is None:
         return None
     actuator = case.events[0].actuator
-    own = None if actuator is None else rig.number(actuator)
-    found = [each for each in causes if each is not None and each.kind == kind.cause]
-    return any(own is None or each.actuator == own for each in found)
+    number = None if actuator is None else rig.number(actuator)
+    matches = [cause for cause in causes if cause is not None and cause.kind == kind.cause]
+    return any(number is None or cause.actuator == number for cause in matches)
 
 
 # Runs.
 
 
 @dataclass(frozen=True)
-class Holding(OracleController):
+class HoldingController(OracleController):
     """Controller that keeps its state at a tick without a finite reading."""
 
     def step(
@@ -197,58 +199,60 @@ class Holding(OracleController):
         *,
         feedforward: Array | None = None,
     ) -> NestedState:
-        """One control tick."""
+        """Perform one control tick."""
         if not np.isfinite(measurement.output).all():
             return replace(state, ticks=state.ticks + 1)
         return super().step(state, reference, measurement, feedforward=feedforward)
 
 
-def supervised(rig: Rig, case: Case) -> Run:
-    """The run with a controller that diagnoses."""
+def simulate_supervised(rig: Rig, case: Case) -> Run:
+    """Simulate a case with the supervisor."""
     return _run(rig, case, rig.supervisor(case.dither))
 
 
-def unaware(rig: Rig, case: Case) -> Run:
-    """The run with a controller that goes on as if nothing had happened."""
+def simulate_undiagnosed(rig: Rig, case: Case) -> Run:
+    """Simulate a case with a controller without diagnosis."""
     controller, secondary = rig.controller(), None if case.dither is None else case.dither.at
-    return _run(rig, case, Holding(controller, controller, None, secondary=secondary))
+    return _run(rig, case, HoldingController(controller, controller, None, secondary=secondary))
 
 
-def informed(rig: Rig, case: Case, fault: Fault, displacement: float, late_s: float = 0.0) -> Run:
-    """The run with a controller that is informed of a fault so long after what happens.
+def simulate_informed(
+    rig: Rig, case: Case, fault: Fault, displacement: float, late_s: float = 0.0
+) -> Run:
+    """Simulate a case with a controller informed of a fault `late_s` after the onset.
 
-    `displacement` is where that actuator stood when it failed, with any controller.
+    `displacement` is that of the actuator at its failure, with any controller.
     """
     n, share = len(rig.actuators), static_share(rig.nominal, fault)
     lost, acting = np.zeros(n), np.zeros(n)
     acting[fault.actuator] = share
     if fault.kind != "locked" and late_s == 0:
         lost[fault.actuator] = (1 - share) * displacement
-    news = Diagnosis.known(fault, displacement)
-    after = rig.controller(goal_after(rig.goal, [news], rig.nominal, rig.unused))
-    tick = tick_at(rig, case, case.happens_s) + round(late_s / rig.period_s)
+    diagnosis = Diagnosis.known(fault, displacement)
+    after = rig.controller(goal_after(rig.goal, [diagnosis], rig.nominal, rig.unused))
+    tick = tick_at(rig, case, case.onset_s) + round(late_s / rig.period_s)
     secondary = None if case.dither is None else case.dither.at
     return _run(rig, case, OracleController(rig.controller(), after, tick, lost, secondary, acting))
 
 
 def _run(rig: Rig, case: Case, controller: Any) -> Run:
-    return rig.fly(controller, case.path(rig), events=case.events or None, **_how(case))
+    return rig.fly(controller, case.path(rig), events=case.events or None, **_run_arguments(case))
 
 
-def _how(case: Case) -> dict[str, Any]:
+def _run_arguments(case: Case) -> dict[str, Any]:
     return {"failures": case.failures, "seed": case.seed, "begin_s": case.begin_s}
 
 
-def attempted(run: Callable[[], Run]) -> tuple[Run | None, str | None]:
-    """A run; or nothing, and why it ended early: that is a result, not the end of the study."""
+def attempt(run: Callable[[], Run]) -> tuple[Run | None, str | None]:
+    """Return a run, or None and the reason of its early end, which is a result of the study."""
     try:
         return run(), None
     except (ValueError, SimulationDiverged) as error:
         return None, f"{type(error).__name__}: {error}"
 
 
-def caused(rig: Rig, case: Case) -> tuple[Failure, ...]:
-    """All failures of a case, those that events bring included.
+def all_failures(rig: Rig, case: Case) -> tuple[Failure, ...]:
+    """Return all failures of a case, including those caused by events.
 
     Raises:
         WrongInput: The robot cannot have such an event.
@@ -257,26 +261,26 @@ def caused(rig: Rig, case: Case) -> tuple[Failure, ...]:
     return (*case.failures, *of_events)
 
 
-def is_lost(rig: Rig, failures: tuple[Failure, ...]) -> bool:
-    """Whether the actuators that are left cannot do the major task, by the failure atlas."""
-    return not is_possible(rig.classified([Fault.of(each) for each in failures]))
+def is_task_lost(rig: Rig, failures: tuple[Failure, ...]) -> bool:
+    """Return whether the surviving actuators cannot perform the major task."""
+    return not is_possible(rig.classified([Fault.of(failure) for failure in failures]))
 
 
 def tick_at(rig: Rig, case: Case, time_s: float) -> int:
-    """The first tick of a run from a time on; one beyond its last if that is infinite."""
+    """Return the first tick of a run from a time on; one beyond the last if it is later."""
     return tick_of(min(time_s - case.begin_s, case.duration_s), rig.period_s)
 
 
 def distance(rig: Rig, run: Run) -> Array:
-    """Size of desired minus true displacements of all major rows, in sizes of the path, (N,)."""
+    """Return the norm of desired minus true major displacements, in sizes of the path, (N,)."""
     return np.linalg.norm(run.error, axis=1) / rig.size
 
 
 def errors(rig: Rig, case: Case, run: Run, controller: str) -> Row:
-    """RMS and peak error in each span, in sizes of the path, as columns of a controller."""
-    begin, recovers = (round(s / rig.period_s) for s in (case.transient_s, case.recovered_s))
-    tick, error = tick_at(rig, case, case.happens_s), distance(rig, run)
-    ends = (begin, tick), (tick, tick + recovers), (tick + recovers, None), (tick, None)
+    """Return RMS and peak error in each span, in sizes of the path, as columns of a controller."""
+    start, recovers = (round(s / rig.period_s) for s in (case.transient_s, case.recovered_s))
+    tick, error = tick_at(rig, case, case.onset_s), distance(rig, run)
+    ends = (start, tick), (tick, tick + recovers), (tick + recovers, None), (tick, None)
     row: Row = {}
     for span, (first, last) in zip(SPANS, ends, strict=True):
         if len(part := error[first:last]):
@@ -285,57 +289,58 @@ def errors(rig: Rig, case: Case, run: Run, controller: str) -> Row:
     return row
 
 
-# Beside the rows.
+# Additional analyses.
 
 LATE_S = (0.03, 0.1, 0.3, 1.0)
-INFORMED_LATE = (
+LATE_FAILURES = (
     Failure(0, "locked", 8.25),
     Failure(0, "free", 8.25),
     Failure(0, "weak", 8.25, effectiveness=1.0),
 )
-"""Of these a controller is informed so late, or wrongly; the last is no failure at all."""
+"""Failures of which a controller is informed late or wrongly; the last one has no effect."""
 
 
 def informed_late(failure: Failure) -> list[Row]:
-    """Rows of a controller that is told the truth, ever later; then, that another strut locked.
+    """Return rows of a controller informed of a failure late, and of the lock of another strut.
 
-    The struts stand without a secondary displacement; errors in sizes of the path.
+    There is no secondary displacement; errors are in sizes of the path.
     """
     case = around(Case("failure", mismatch="exact", dither=about(0.0), failures=(failure,)))
     rig, truth = exact_rig(), Fault.of(failure)
-    run, tick = unaware(rig, case), tick_at(rig, case, case.happens_s)
-    nothing = errors(rig, case, run, "told_nothing")["rms_told_nothing_after"]
-    news = [(truth, late_s) for late_s in LATE_S]
-    news += [(Fault(k, "locked"), 0.0) for k in range(6) if k != truth.actuator]
+    run, tick = simulate_undiagnosed(rig, case), tick_at(rig, case, case.onset_s)
+    uninformed = errors(rig, case, run, "told_nothing")["rms_told_nothing_after"]
+    informed_of = [(truth, late_s) for late_s in LATE_S]
+    informed_of += [(Fault(k, "locked"), 0.0) for k in range(6) if k != truth.actuator]
     rows = []
-    for fault, late_s in news:
-        stood = float(run.displacement[tick, fault.actuator])
-        found = errors(rig, case, informed(rig, case, fault, stood, late_s), "told")
+    for fault, late_s in informed_of:
+        position = float(run.displacement[tick, fault.actuator])
+        informed_run = simulate_informed(rig, case, fault, position, late_s)
+        measures = errors(rig, case, informed_run, "told")
         row = {"truth": fault_text(None if truth.is_healthy else truth), "told": fault_text(fault)}
-        row |= {"late_s": late_s, "rms_told_nothing_after": nothing}
-        kept = ("peak_told_during", "rms_told_after", "peak_told_after")
-        rows.append(row | {key: found[key] for key in kept})
+        row |= {"late_s": late_s, "rms_told_nothing_after": uninformed}
+        columns = ("peak_told_during", "rms_told_after", "peak_told_after")
+        rows.append(row | {key: measures[key] for key in columns})
     return rows
 
 
 def dither_cost(case: Case, duration_s: float) -> list[Row]:
-    """A row for each major row: its RMS error without failures, and changes by dither and by seed.
+    """Return each major row's RMS error without failures, and its changes by dither and by seed.
 
-    On the exact plant. `moved` is how far the dither moves all major rows together on a plant that
-    is not the model: there the actuators do not cancel. In sizes of the path.
+    The plant is exact. `moved` is the motion of all major rows by the dither on a plant with all
+    mismatches, where the actuators do not cancel. All are in sizes of the path.
     """
     rig, mixed = exact_rig(), exact_rig().with_mismatch("all", case.plant_seed)
     case = replace(case, begin_s=0.0, duration_s=duration_s, failures=())
     still = replace(case, dither=replace(case.dither or STILL, amplitude=0.0))
-    quiet, moved = (unaware(mixed, each) for each in (still, case))
-    alone, swinging, reseeded = (
-        unaware(rig, each).rms() / rig.size
-        for each in (still, case, replace(still, seed=case.seed + 1))
+    quiet, moved = (simulate_undiagnosed(mixed, run_case) for run_case in (still, case))
+    alone, dithered, reseeded = (
+        simulate_undiagnosed(rig, run_case).rms() / rig.size
+        for run_case in (still, case, replace(still, seed=case.seed + 1))
     )
-    apart = distance(rig, replace(quiet, desired=moved.true))
-    found = {"rms": alone, "change": swinging - alone, "reseeded": reseeded - alone}
-    found["moved"] = np.full(len(alone), np.sqrt((apart**2).mean()))
+    path_change = distance(rig, replace(quiet, desired=moved.true))
+    measures = {"rms": alone, "change": dithered - alone, "reseeded": reseeded - alone}
+    measures["moved"] = np.full(len(alone), np.sqrt((path_change**2).mean()))
     return [
-        {"row": row} | {key: float(values[k]) for key, values in found.items()}
+        {"row": row} | {key: float(values[k]) for key, values in measures.items()}
         for k, row in enumerate(rig.major)
     ]

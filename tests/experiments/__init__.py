@@ -1,1 +1,1 @@
-"""One file, or a few, a study."""
+"""Tests of the studies and of the command line, one or a few files per study."""

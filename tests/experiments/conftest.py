@@ -1,4 +1,4 @@
-"""Studies that only these tests need, made by their commands once a session."""
+"""Folders of studies that only these tests need, made by their commands once a session."""
 
 import logging
 from collections.abc import Callable
@@ -27,14 +27,14 @@ sweep_folder = folder_of("sweep", "--design", str(SHORT_SWEEP), *HERE)
 
 @pytest.fixture(scope="module")
 def study(request) -> Results:
-    """What is left by the study that a module is named after, as test_goals.py after goals."""
+    """Results of the study in a module's name, as goals in test_goals.py."""
     name = request.module.__name__.rpartition("test_")[2]
     return Results(request.getfixturevalue(f"{name}_folder"), name)
 
 
 @pytest.fixture(scope="session")
 def smaller(made_once):
-    """Makes a study smaller than its --quick, by other values of names in its modules."""
+    """Function that makes a study smaller than its --quick, by other values in its modules."""
 
     def made(name: str, values: dict[str, Any], *words: str) -> Path:
         def make(folder: Path) -> int:
@@ -55,7 +55,7 @@ def second_of_the_spiral() -> Any:
 
 
 def smaller_values(name: str) -> dict[str, Any]:
-    """By day: a second of the spiral, and of each sort the first or the one that costs least."""
+    """Return the values of short studies: a second of the spiral, one case of each sort."""
     if name == "table1":
         from experiments.table1 import CONFIGURATIONS
 
@@ -79,7 +79,9 @@ def smaller_values(name: str) -> dict[str, Any]:
     if name == "systems":
         from experiments.systems import MECHANISMS
 
-        few = [replace(each, conditions=each.conditions[:2]) for each in MECHANISMS[:2]]
+        few = [
+            replace(mechanism, conditions=mechanism.conditions[:2]) for mechanism in MECHANISMS[:2]
+        ]
         return {"systems.MECHANISMS": few}
     if name == "limits":
         from experiments.limits import Strategy
@@ -94,23 +96,23 @@ def smaller_values(name: str) -> dict[str, Any]:
 
 @pytest.fixture(scope="session")
 def smaller_study(smaller) -> Callable[[str], Path]:
-    """The folder of one of the studies `AT_NIGHT` by day."""
+    """Function from the name of a study `AT_NIGHT` to the folder of its short version."""
     return lambda name: smaller(name, smaller_values(name))
 
 
-FLOWN = ("SSSSSS", "FSSSSS", "SSLSSS", "SLLSLL", "SFFSLF", "LLLLLL")
-"""Failure conditions of every verdict; the fifth leaves the linear model where it is singular."""
+CONDITIONS = ("SSSSSS", "FSSSSS", "SSLSSS", "SLLSLL", "SFFSLF", "LLLLLL")
+"""Failure conditions of every class; the fifth is singular, off the linear model."""
 
 
 @pytest.fixture(scope="session")
 def atlas_folder(smaller):
-    """A few failure conditions simulated."""
-    return smaller("atlas", {"sweep.representatives": lambda: [*FLOWN]}, *HERE)
+    """Folder of the atlas with a few failure conditions."""
+    return smaller("atlas", {"sweep.representatives": lambda: [*CONDITIONS]}, *HERE)
 
 
 @pytest.fixture(scope="session")
 def scheduler():
-    """The address of a Dask cluster of two workers."""
+    """Address of a Dask cluster of two workers."""
     from distributed import LocalCluster
 
     here = LocalCluster(

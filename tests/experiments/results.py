@@ -1,4 +1,4 @@
-"""The files of a study, read as anybody would."""
+"""Access to the files of a study."""
 
 import json
 from functools import cached_property
@@ -11,24 +11,24 @@ import pandas as pd
 
 
 class Results:
-    """What a study left in a folder."""
+    """Files of a study in a folder."""
 
     def __init__(self, folder: Path, name: str) -> None:
         self.folder, self.name = folder, name
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """The JSON."""
+        """Contents of the JSON."""
         return json.loads((self.folder / f"{self.name}.json").read_text())
 
     @cached_property
     def rows(self) -> pd.DataFrame:
-        """The dataset of a study of many runs."""
+        """Dataset of a study of many runs."""
         return pd.read_parquet(self.folder / self.summary["dataset"])
 
     @cached_property
     def tables(self) -> dict[str, pd.DataFrame]:
-        """The tables of the JSON, by name."""
+        """Tables of the JSON, by name."""
         return {
             key: pd.DataFrame(entries).replace({None: nan})
             for key, entries in self.summary.items()
@@ -36,6 +36,6 @@ class Results:
         }
 
     def arrays(self, file: str) -> dict[str, np.ndarray]:
-        """Contents of a `.npz` file."""
+        """Return the contents of a `.npz` file."""
         with np.load(self.folder / file) as data:
             return dict(data)

@@ -1,4 +1,4 @@
-"""A file is used, or refused in a sentence: nothing is waited for, executed or written."""
+"""Tests that unusable files are rejected in a sentence, without waiting, executing or writing."""
 
 import shlex
 import shutil
@@ -21,38 +21,38 @@ from tests.broken_files import (
 from tests.made import keep_made
 
 PUBLISHED = Path(__file__).parents[2] / "docs" / "data" / "table1.json"
-# A reader: its file, the words of the command, and what it cannot use.
+# A reader: its file, the arguments of the command, and unusable kinds of files.
 ANY = NO_FILES | CONTENTS
-SOME = {kind: ANY[kind] for kind in ("missing", "pipe", "endless", "pickled")}
-"""Of a reader that reads as another one does."""
-BESIDE = {kind: each for kind, each in NO_FILES.items() if kind != "missing"}
+SOME_KINDS = {kind: ANY[kind] for kind in ("missing", "pipe", "endless", "pickled")}
+"""Kinds of files for a reader with the code of another one."""
+OTHERS = {kind: spoil for kind, spoil in NO_FILES.items() if kind != "missing"}
 NO_MACHINE = {"no machine": MODELS["no machine"]}
 READERS: dict[str, tuple[str, str, dict[str, Spoil]]] = {
     "review of a run": ("made.npz", "review {file} --out {out}/it.rrd", ANY | ARRAYS),
-    "review of a folder": ("made.npz", "review {folder} --out {out}/it.rrd", BESIDE | CUT_OFF),
+    "review of a folder": ("made.npz", "review {folder} --out {out}/it.rrd", OTHERS | CUT_OFF),
     "recording of a run": ("made.rrd", "review {folder} --out {out}/it.rrd", CONTENTS | CUT_OFF),
-    "index of a run": ("made.json", "review {folder} --out {out}/it.rrd", BESIDE | CONTENTS | JSON),
+    "index of a run": ("made.json", "review {folder} --out {out}/it.rrd", OTHERS | CONTENTS | JSON),
     "review --model": ("it.xml", "review {folder} --model {file} --out {out}/it.rrd", NO_FILES),
-    "animate": ("made.npz", "animate {file} --out {out}/it.gif", SOME | CUT_OFF),
+    "animate": ("made.npz", "animate {file} --out {out}/it.gif", SOME_KINDS | CUT_OFF),
     "render": ("made.rrd", "render {file} --out {out}/it.png", NO_FILES),
-    "results": ("result.json", "results {folder}", BESIDE | CONTENTS | JSON),
+    "results": ("result.json", "results {folder}", OTHERS | CONTENTS | JSON),
     "results against": ("result.json", f"results {PUBLISHED} --against {{file}}", ANY | JSON),
     "sweep --design": ("it.toml", "sweep --design {file} --out {out}", ANY),
-    "sweep --resume": ("unfinished.jsonl", "sweep --resume --out {folder}", BESIDE | CONTENTS),
+    "sweep --resume": ("unfinished.jsonl", "sweep --resume --out {folder}", OTHERS | CONTENTS),
     "track MODEL": ("it.xml", "track {file} --out {out}", ANY | MODELS),
     "track --path": ("it.npz", "track --path {file} --out {out}", ANY | ARRAYS | PATHS),
-    "table1 --model": ("it.xml", "table1 --model {file} --out {out}", SOME | NO_MACHINE),
-    "recover --model": ("it.xml", "recover --model {file} --out {out}", SOME | NO_MACHINE),
-    "figures --model": ("it.xml", "figures --model {file} --out {out}", SOME | NO_MACHINE),
-    "survey MODEL": ("it.xml", "survey {file} --out {out}", SOME | NO_MACHINE),
+    "table1 --model": ("it.xml", "table1 --model {file} --out {out}", SOME_KINDS | NO_MACHINE),
+    "recover --model": ("it.xml", "recover --model {file} --out {out}", SOME_KINDS | NO_MACHINE),
+    "figures --model": ("it.xml", "figures --model {file} --out {out}", SOME_KINDS | NO_MACHINE),
+    "survey MODEL": ("it.xml", "survey {file} --out {out}", SOME_KINDS | NO_MACHINE),
     "survey --matrix": ("it.csv", "survey --matrix {file} --out {out}", ANY | TABLES),
-    "live MODEL": ("it.xml", "live {file} --out {out}", SOME | NO_MACHINE),
+    "live MODEL": ("it.xml", "live {file} --out {out}", SOME_KINDS | NO_MACHINE),
 }
 
 
 @pytest.fixture(scope="module")
-def sound(tmp_path_factory) -> Path:
-    """A folder with a sound file for each reader that may find it broken."""
+def valid(tmp_path_factory) -> Path:
+    """Folder with a valid file for each reader."""
     folder = tmp_path_factory.mktemp("sound")
     keep_made(folder)
     np.savez(folder / "it.npz", time_s=np.arange(3.0), desired=np.zeros((3, 2)))
@@ -63,20 +63,20 @@ def sound(tmp_path_factory) -> Path:
     ("reader", "kind"),
     [(reader, kind) for reader, (_, _, kinds) in READERS.items() for kind in kinds],
 )
-def test_a_file_that_cannot_be_used_is_named_in_one_sentence(
-    refused, sound, tmp_path, monkeypatch, reader, kind
+def test_an_unusable_file_is_named_in_one_sentence(
+    refused, valid, tmp_path, monkeypatch, reader, kind
 ):
-    name, words, kinds = READERS[reader]
+    name, command_line, kinds = READERS[reader]
     monkeypatch.chdir(tmp_path)
-    folder = Path(shutil.copytree(sound, tmp_path / "in"))
+    folder = Path(shutil.copytree(valid, tmp_path / "in"))
     file = folder / name
-    if kind not in (*CUT_OFF, "a flipped byte"):  # which spoil a sound file
+    if kind not in (*CUT_OFF, "a flipped byte"):  # which alter a valid file
         file.unlink(missing_ok=True)
     kinds[kind](file)
     before = {*folder.iterdir()}
-    given = words.format(file=f"in/{name}", folder="in", out="out")
-    said = refused(*shlex.split(given))
-    # A machine of a sound format is refused by what it lacks, and rows by how they were to be used.
-    assert name in said or kind == "no machine" or "--resume" in said
-    assert kind != "bomb" or "unpacks to" in said  # before it is unpacked
+    arguments = command_line.format(file=f"in/{name}", folder="in", out="out")
+    message = refused(*shlex.split(arguments))
+    # A valid model is rejected by its content, and rows by their use.
+    assert name in message or kind == "no machine" or "--resume" in message
+    assert kind != "bomb" or "unpacks to" in message  # before it is unpacked
     assert [*tmp_path.iterdir()] == [folder] and {*folder.iterdir()} == before

@@ -1,4 +1,4 @@
-"""The command line: wrong words in one sentence, help, completion, and what it leaves."""
+"""Tests of the command line: wrong arguments, help, completion, and files written."""
 
 import os
 import re
@@ -20,21 +20,21 @@ from sim import HEXAPOD_MJCF, MODELS
 from tests.made import keep_made
 
 ROOT = Path(__file__).parents[2]
-SHOWN = [*ROBOT, "live", "review", "render", "animate", "results", "paper"]
+LISTED = [*ROBOT, "live", "review", "render", "animate", "results", "paper"]
 DIGITS = "9" * 5000
 ARM = MODELS / "arm.xml"
 
 
 @cache
 def commands() -> dict[str, Any]:
-    """All commands, by name."""
+    """Return all commands, by name."""
     group = typer.main.get_group(app_of(*LINES))
     return vars(group.commands["paper"])["commands"] | group.commands
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory) -> Path:
-    """A folder with a run, a file that is taken, a link that leads nowhere, an empty folder."""
+def filled_folder(tmp_path_factory) -> Path:
+    """Folder with a run, an existing file, a dangling link and an empty folder."""
     folder = tmp_path_factory.mktemp("kept")
     keep_made(folder)
     (folder / "taken").write_text("mine")
@@ -44,22 +44,22 @@ def kept(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def place(kept, monkeypatch):
-    """That is the working folder, and nothing is added to it or changed."""
-    monkeypatch.chdir(kept)
-    before = {path: path.lstat().st_mtime_ns for path in kept.rglob("*")}
-    yield kept
-    assert {path: path.lstat().st_mtime_ns for path in kept.rglob("*")} == before
+def place(filled_folder, monkeypatch):
+    """Filled folder as working folder, checked to remain unchanged."""
+    monkeypatch.chdir(filled_folder)
+    before = {path: path.lstat().st_mtime_ns for path in filled_folder.rglob("*")}
+    yield filled_folder
+    assert {path: path.lstat().st_mtime_ns for path in filled_folder.rglob("*")} == before
 
 
-# Words, and what the sentence names: the argument, or the name that was meant.
-REFUSED = [
+# Arguments, and expected text of the message: the argument, or the intended name.
+WRONG = [
     ("tabel1", "table1"),
     ("goals much", "much"),
     ("table1 --seed 4294967296", "--seed"),
     ("table1 --sed 3", "--seed"),
     ("table1 --jacobian analitic", "analytic"),
-    # Where results are to be written.
+    # Places of results.
     ("table1 --out taken", "taken"),
     ("table1 --out taken/below", "taken/below"),
     ("table1 --out dangling", "dangling"),
@@ -83,7 +83,7 @@ REFUSED = [
     ("recover --model ARM --scheduler tcp://there:1", "--scheduler does not go with --model"),
     ("recover --crossover 0.7", "--crossover needs --model"),
     *((f"track ARM --{option} {DIGITS}", "") for option in ("keyframe", "site", "pinned", "major")),
-    # Numbers that no robot has any use for, by their options.
+    # Numbers outside the range of options.
     *(
         (f"track ARM --{option}={value}", option.replace("-", "_"))
         for option in ("noise", "size", "servo", "crossover", "period", "turn", "duration")
@@ -91,7 +91,7 @@ REFUSED = [
     ),
     *((f"track ARM --joint-weight={value}", "joint_weight") for value in ("1e200", "nan", "1,x")),
     ("track ARM --secondary-weight=1,inf", "secondary_"),
-    # The page, and what is shown of runs.
+    # The live page, and commands on runs.
     ("live ARM --site payload --major 3,9", "major must be"),
     ("live --site tool", "--site needs a MODEL.xml"),
     ("live --port 70000", "--port"),
@@ -103,48 +103,48 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("words", "named"), REFUSED, ids=lambda each: each[:50])
-def test_wrong_words_are_one_sentence_that_names_them(place, refused, words, named):
-    assert named in refused(*[str(ARM) if word == "ARM" else word for word in words.split()])
+@pytest.mark.parametrize(("arguments", "expected"), WRONG, ids=lambda each: each[:50])
+def test_wrong_arguments_are_one_sentence_that_names_them(place, refused, arguments, expected):
+    assert expected in refused(*[str(ARM) if word == "ARM" else word for word in arguments.split()])
 
 
-def test_a_mistyped_file_is_answered_with_its_neighbour(place, refused):
+def test_for_a_mistyped_file_the_nearest_name_is_suggested(place, refused):
     assert "arm.xml" in refused("track", str(MODELS / "arme.xml"))
     assert "made.npz" in refused("review", "maed.npz")
 
 
-@pytest.mark.parametrize("command", SHOWN)
+@pytest.mark.parametrize("command", LISTED)
 def test_an_empty_path_is_not_the_current_folder(place, refused, command):
-    for words in (["--out", ""], ["--out="]):
-        assert "--out is empty" in refused(command, *words)
+    for arguments in (["--out", ""], ["--out="]):
+        assert "--out is empty" in refused(command, *arguments)
     assert f"after {command} is empty" in refused(command, "")
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "named"),
+    ("old", "new", "expected"),
     [
         ('<site name="base"', '<site name="foot"', 'site named "base"'),
         ('<site name="payload"', '<site name="top"', 'site named "payload"'),
         ('name="coil2"', 'name="motor2"', 'actuator named "coil2"'),
         ('"tip6"', '"end6"', 'body named "tip6"'),
-        # Nothing is missing, but it cannot point.
+        # Complete, but unable to point.
         ("<weld ", "<weld active='false' ", "six degrees of freedom"),
         ('gainprm="126000"', 'gainprm="0"', "has gain 0"),
         ('damping="110"', 'damping="110000"', "alpha loop is unstable"),
         ("</actuator>", '<motor name="coil7" joint="top_twist1"/></actuator>', "has 7"),
         ('joint1="strut2"', 'joint1="strut3"', '"lock2"'),
-        pytest.param(  # which the processes see that compute in parallel
+        pytest.param(  # raised in the worker processes
             *('timestep="1.25e-4"', 'timestep="3e-4"', "0.0003 s does not divide"),
             marks=[pytest.mark.long, pytest.mark.night],
         ),
     ],
 )
-def test_a_hexapod_that_will_not_do_is_refused(place, refused, tmp_path_factory, old, new, named):
+def test_an_unusable_hexapod_is_rejected(place, refused, tmp_path_factory, old, new, expected):
     text = HEXAPOD_MJCF.read_text()
     assert old in text
     file = tmp_path_factory.mktemp("machine") / "it.xml"
     file.write_text(text.replace(old, new))
-    assert named in refused("table1", "--model", str(file), "--out", "out")
+    assert expected in refused("table1", "--model", str(file), "--out", "out")
 
 
 @pytest.mark.long
@@ -158,7 +158,7 @@ def test_a_diverging_machine_stops_with_its_time_and_state(capsys, tmp_path):
     with np.load(out / "diverged.npz") as saved:
         assert f"{float(saved['time_s']):.4f} s" in message
         assert saved["state"].size > 50 and np.isfinite(saved["state"]).all()
-    assert [each.name for each in out.iterdir()] == ["diverged.npz"]
+    assert [path.name for path in out.iterdir()] == ["diverged.npz"]
 
 
 # Help and completion.
@@ -169,29 +169,31 @@ def test_every_option_has_help_and_the_example_is_a_command(capsys, place, name)
     assert main([*command_of(name)[1:], "--help"]) == 0
     text = re.sub(r"\s+", " ", capsys.readouterr().out)
     [example] = re.findall(rf"Example: fjh (?:paper )?{name}(.*?) (?:Arguments|Options):", text)
-    words = [str(ARM) if word.endswith(".xml") else word for word in shlex.split(example)]
-    commands()[name].make_context(name, words)  # raises what the command would complain of
-    options = [each for each in commands()[name].params if each.param_type_name == "option"]
-    assert all(each.help or each.hidden for each in options)
+    arguments = [str(ARM) if word.endswith(".xml") else word for word in shlex.split(example)]
+    commands()[name].make_context(name, arguments)  # raises the errors of the command
+    options = [
+        parameter for parameter in commands()[name].params if parameter.param_type_name == "option"
+    ]
+    assert all(parameter.help or parameter.hidden for parameter in options)
     assert name == "report" or len((study(name).__doc__ or "").split("\n\n")) > 1  # for the report
 
 
 @pytest.mark.parametrize(
-    ("words", "offered"),
+    ("arguments", "offered"),
     [
-        ("fjh ", SHOWN),
+        ("fjh ", LISTED),
         ("fjh paper ", [*PAPER, "report"]),
         *(
-            pytest.param(words, offered, marks=pytest.mark.long)  # options are those of a study
-            for words, offered in (
+            pytest.param(arguments, offered, marks=pytest.mark.long)  # options are those of a study
+            for arguments, offered in (
                 ("fjh table1 --jacobian ", ["analytic", "constant"]),
                 ("fjh paper jacobian --lo", ["--loop"]),
             )
         ),
     ],
 )
-def test_tab_completes_commands_options_and_choices_at_once(tmp_path, words, offered):
-    typed = {"COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+def test_tab_completes_commands_options_and_choices_at_once(tmp_path, arguments, offered):
+    typed = {"COMP_WORDS": arguments, "COMP_CWORD": str(arguments.count(" "))}
     done = subprocess.run(
         [sys.executable, "-X", "importtime", "-m", "experiments"],
         env=os.environ | typed | {"_FJH_COMPLETE": "complete_bash", "PYTHONPATH": str(ROOT)},
@@ -201,10 +203,10 @@ def test_tab_completes_commands_options_and_choices_at_once(tmp_path, words, off
         check=True,
     )
     assert done.stdout.split() == offered
-    # What makes it fast: none of the packages that take their time is imported.
+    # Completion is fast, as no large package is imported.
     assert "typer" in done.stderr
     for slow in ("mujoco", "matplotlib", "numpy", "scipy", "rerun", "distributed", "pyarrow"):
-        assert "--" in words or not re.search(rf"\| +{slow}$", done.stderr, re.MULTILINE), slow
+        assert "--" in arguments or not re.search(rf"\| +{slow}$", done.stderr, re.MULTILINE), slow
     assert list(tmp_path.iterdir()) == []
 
 
@@ -216,9 +218,9 @@ def test_tab_completes_commands_options_and_choices_at_once(tmp_path, words, off
         ("sweep", {"workers": 2, "resume": True}),
     ],
 )
-def test_the_words_of_options_are_read_as_these_options(name, given):
-    """Those of a dataclass among the parameters, too; what is as by default is left out."""
-    words = command_arguments(study(name), given)
-    assert len(words) <= 2 + 2 * len(given)
-    read = commands()[name].make_context(name, words).params
+def test_arguments_made_from_options_are_read_as_these_options(name, given):
+    """Fields of dataclass parameters are included, default values left out."""
+    arguments = command_arguments(study(name), given)
+    assert len(arguments) <= 2 + 2 * len(given)
+    read = commands()[name].make_context(name, arguments).params
     assert {key: read[key] for key in given} == given

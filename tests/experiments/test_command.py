@@ -1,4 +1,4 @@
-"""A study as a command: what a person at a terminal and what a script sees."""
+"""Tests of a study as a command: output on a terminal and for scripts."""
 
 import io
 import sys
@@ -15,7 +15,7 @@ from fjh.study.result import Check, Result, TableView
 from tests.made import made_study
 
 HEIGHTS = pd.DataFrame({"hill": ["Hohe <Acht> [km]"], "m": [747.0]})
-SOUND = Result(
+PASSING = Result(
     {"seed": 3},
     {"heights": HEIGHTS},
     [Check("height [m]", "hill", 7.25, 8.0)],
@@ -25,13 +25,13 @@ SOUND = Result(
 
 
 @pytest.fixture(autouse=True)
-def _elsewhere(tmp_path, monkeypatch):
-    """Results are written below an empty folder."""
+def _in_empty_folder(tmp_path, monkeypatch):
+    """Change to an empty folder."""
     monkeypatch.chdir(tmp_path)
 
 
 def run(result: Result, *words: str) -> None:
-    """A study of this result as `fjh measure` runs it."""
+    """Run a study with this result as `fjh measure`."""
 
     def make(*, times: int, on_progress, seed: int, quick: bool) -> Result:
         for k in range(times):
@@ -44,23 +44,23 @@ def run(result: Result, *words: str) -> None:
 
 
 @pytest.mark.parametrize("quiet", [False, True])
-def test_every_failed_check_is_named_and_raised_in_every_mode(capsys, quiet):
+def test_every_failed_check_is_printed_and_raised_in_every_mode(capsys, quiet):
     nan = float("nan")
     wrong = [Check(f"{what} [m]", "hill", nan, 8.0) for what in ("height", "depth")]
     with pytest.raises(Unsound, match=r"a check failed: hill: height .m. is nan, expected below 8"):
-        run(replace(SOUND, checks=[*SOUND.checks, *wrong]), *["--quiet"] * quiet)
+        run(replace(PASSING, checks=[*PASSING.checks, *wrong]), *["--quiet"] * quiet)
     out = " ".join(capsys.readouterr().out.split())
-    named = [f"hill: {what} [m] is nan" in out for what in ("height", "depth")]
-    assert named == [not quiet] * 2 and ("2 of 3 checks failed" in out) == (not quiet)
+    printed = [f"hill: {what} [m] is nan" in out for what in ("height", "depth")]
+    assert printed == [not quiet] * 2 and ("2 of 3 checks failed" in out) == (not quiet)
     assert Path("results/measure/measure.json").is_file()
 
 
 @pytest.mark.parametrize("quiet", [False, True])
-def test_a_terminal_shows_progress_unless_it_is_to_be_quiet(monkeypatch, capsys, quiet):
+def test_a_terminal_shows_progress_unless_quiet(monkeypatch, capsys, quiet):
     screen = io.StringIO()
     screen.isatty = lambda: True
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr(sys, "stderr", screen)
-    run(SOUND, "--times", "3", *["--quiet"] * quiet)
+    run(PASSING, "--times", "3", *["--quiet"] * quiet)
     assert ("measure" in screen.getvalue()) == (not quiet)
     assert not quiet or (screen.getvalue(), capsys.readouterr().out) == ("", "")

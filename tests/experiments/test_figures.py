@@ -1,11 +1,11 @@
-"""Figures of machine, loops and failures: drawn from what runs."""
+"""Tests of the study `figures`: margins of the loops, and counts of conditions."""
 
 from functools import cache
 
 import numpy as np
 import pytest
 
-from experiments.figures import OpenLoop, counted, open_loop
+from experiments.figures import OpenLoop, class_counts, open_loop
 from fjh.rig.hexapod.columns import MAJOR
 from fjh.rig.hexapod.controller import ANGLES, design, nominal_plant
 from fjh.rig.hexapod.fault_tolerance import elastic_system, pointing_classifications
@@ -24,7 +24,7 @@ def loops() -> dict[str, OpenLoop]:
 
 @pytest.mark.parametrize("row", [0, 1], ids=ANGLES)
 def test_the_published_compensator_has_the_published_margins(model, row):
-    """G(s) as in figures.json, and the plant's own matrices, without the sampled system."""
+    """G(s) is that of figures.json, the plant continuous, without the sampled system."""
     measures = loop_measures(loops()[ANGLES[row]].loop)
     plant, pointing = nominal_plant(model)
     s = 2j * np.pi * measures["crossover_hz"]
@@ -32,19 +32,19 @@ def test_the_published_compensator_has_the_published_margins(model, row):
     G = np.polyval(measures["numerator"], s) / np.polyval(measures["denominator"], s)
     L = G * complex(plant.C_twist[row] @ moved)
     assert abs(L) == pytest.approx(1, rel=1e-3)
-    held_deg = np.rad2deg(abs(s) * TestbedConfig().control_period_s / 2)  # by the zero-order hold
-    margin_deg = 180 + np.rad2deg(np.angle(L)) - held_deg
+    delay_deg = np.rad2deg(abs(s) * TestbedConfig().control_period_s / 2)  # by the zero-order hold
+    margin_deg = 180 + np.rad2deg(np.angle(L)) - delay_deg
     assert margin_deg == pytest.approx(measures["phase_margin_deg"], abs=0.2)
 
 
 def test_the_map_counts_what_the_atlas_counts(model):
     atlas = failure_atlas(elastic_system(model), MAJOR)
-    found = pointing_classifications(atlas)
-    table = counted(found)
+    classes = pointing_classifications(atlas)
+    table = class_counts(classes)
     assert atlas.elastic is not None
     assert (atlas.possible.sum(), atlas.elastic.possible.sum()) == (54, 54 + 371)
     # Two states of failure for each strut: six lost, 2^6; all but one lost, 6 * 2^5.
     assert table.conditions[table.conditions > 0].tolist() == [54, 371, 729 - 425 - 64, 64]
-    # So many conditions have 0..6 failures: each failed strut is locked or free.
+    # Numbers of conditions with 0..6 failures: each failed strut is locked or free.
     by_failures = table.filter(like="failures_").sum()
     assert by_failures.tolist() == [1, 12, 60, 160, 240, 192, 64]

@@ -1,4 +1,4 @@
-"""Theorems 7 to 9 in simulation: forces exerted on a fixture, and held against a push."""
+"""Tests of the study `force`: forces on a fixture, and against external loads."""
 
 from functools import cache
 
@@ -30,12 +30,12 @@ def rig() -> mujoco.MjModel:
 
 @pytest.fixture(scope="module")
 def lines():
-    """A of l_dot = A v in closed form: rows are the struts' lines, and f = A^T strut forces."""
+    """Matrix A of l_dot = A v in closed form: rows are the struts' lines, f = A^T strut forces."""
     return hexapod(load_model()).inverse_jacobian(NOMINAL)
 
 
-def test_the_fixture_reads_what_the_payload_is_pushed_with():
-    """No torque, no mapping: the gauge against a known wrench."""
+def test_the_fixture_measures_the_wrench_on_the_payload():
+    """The gauge is tested with a known wrench, without torques."""
     plant, wrench = Plant(rig()), np.array([1.0, -2.0, 3.0, 10.0, 20.0, -15.0])
     plant.data.eq_active[plant.model.equality(force.FIXTURE).id] = True
     gauges = force.Gauges(plant)
@@ -43,37 +43,39 @@ def test_the_fixture_reads_what_the_payload_is_pushed_with():
     before = gauges.read()[:6]
     plant.push(wrench)
     plant.step(np.zeros(6), 0.05)
-    # The payload gives way by nanometres, and the springs take so much.
+    # The payload moves by nanometres, and the springs bear this share.
     np.testing.assert_allclose(gauges.read()[:6] - before, wrench, rtol=2e-4)
 
 
 @pytest.mark.long
-def test_the_struts_make_up_the_wrench_that_is_held_whatever_the_coils_do(lines):
-    """Six forces along six lines balance a push in one way only, springs or coils."""
+def test_strut_forces_balance_the_external_wrench_with_and_without_coils(lines):
+    """Six forces along six lines balance a load uniquely, by springs or coils."""
     wrench = np.array([[1.0, -2.0, 0.5, 10.0, 5.0, -15.0]])
-    by_springs = force.exert(rig(), (), np.zeros((1, 6)), wrench).strut_n[:, -1]
-    by_coils = force.exert(rig(), (), np.linalg.solve(lines.T, wrench.T).T, wrench).strut_n[:, -1]
+    by_springs = force.simulate_load(rig(), (), np.zeros((1, 6)), wrench).strut_n[:, -1]
+    by_coils = force.simulate_load(rig(), (), np.linalg.solve(lines.T, wrench.T).T, wrench).strut_n[
+        :, -1
+    ]
     # Against springs the payload moves, and the flexures take their share of 0.2 %.
     np.testing.assert_allclose(by_springs @ lines, wrench, rtol=5e-3)
     np.testing.assert_allclose(by_coils @ lines, wrench, rtol=1e-4)
 
 
-def test_every_simulated_force_is_the_mappings(tables):
-    trials = tables["theorems"]
-    assert list(trials.kind.fillna("sound").unique()) == ["sound", "locked", "free", "loose"]
-    assert list(trials.theorem) == 4 * [7, 8, 9]
-    assert trials.pressed_off_percent.max() < 0.02
-    assert trials.held_off_percent.max() < 0.002
-    assert trials.moved_percent.max() < 0.005
-    assert trials[trials.kind != "locked"].pressed_major_off_percent.max() < 0.005
-    held = tables["prescribed"].set_index("condition").loc[["sound", "strut 1 locked"]]
-    lacking = held[["lacking_force_n", "lacking_major_n_m"]]
-    np.testing.assert_allclose(lacking, 0, atol=1e-12)  # then it exerts a whole wrench
+def test_simulated_forces_equal_those_of_the_mapping(tables):
+    theorems = tables["theorems"]
+    assert list(theorems.kind.fillna("sound").unique()) == ["sound", "locked", "free", "loose"]
+    assert list(theorems.theorem) == 4 * [7, 8, 9]
+    assert theorems.pressed_off_percent.max() < 0.02
+    assert theorems.held_off_percent.max() < 0.002
+    assert theorems.moved_percent.max() < 0.005
+    assert theorems[theorems.kind != "locked"].pressed_major_off_percent.max() < 0.005
+    loads = tables["prescribed"].set_index("condition").loc[["sound", "strut 1 locked"]]
+    missing = loads[["lacking_force_n", "lacking_major_n_m"]]
+    np.testing.assert_allclose(missing, 0, atol=1e-12)  # then it exerts a whole wrench
 
 
-def test_a_locked_strut_bears_what_comes_along_it_and_no_torque_sees(data, lines):
-    """Held, its reaction is J_1^T f; pressing, lock and fixture share the coils' wrench."""
-    system, unseen = force.known_system(force.Condition("locked")), None
+def test_a_locked_strut_bears_the_force_along_it_which_no_torque_affects(data, lines):
+    """Under load its reaction is J_1^T f; on the fixture, both share the coils' wrench."""
+    system, unseen = force.failed_system(force.Condition("locked")), None
     for theorem in (7, 8, 9):
         part = f"strut_1_locked_theorem_{theorem}"
         torques, wrench, strut = (data[f"{part}_{k}"] for k in ("torques_n", "wrench", "strut_n"))
@@ -82,7 +84,7 @@ def test_a_locked_strut_bears_what_comes_along_it_and_no_torque_sees(data, lines
         np.testing.assert_allclose(reaction, strut[:, 0], atol=1e-3)
         assert np.abs(reaction).max() > 5.0
         assert (torques[:, 0] == 0).all()
-        unseen = np.eye(6) - force.answer(system, theorem, data["asked_wrench"]).seen
+        unseen = np.eye(6) - force.solve_theorem(system, theorem, data["asked_wrench"]).span
         np.testing.assert_allclose(lines[0] @ unseen, lines[0], atol=1e-12)
         assert np.trace(unseen) == pytest.approx(1.0)
         fixture, lock = (data[f"{part}_pressed_{k}"][:, -1] for k in ("fixture", "lock_n"))
@@ -90,15 +92,15 @@ def test_a_locked_strut_bears_what_comes_along_it_and_no_torque_sees(data, lines
         assert np.abs(lock[:, 0] - strut[:, 0]).max() > 3.0
 
 
-def test_a_free_strut_bears_nothing_and_what_is_lacking_moves_the_payload(tables, data, lines):
-    """Eq. (9). A secondary lack moves it aside; a mapping that lets the spring bear it tilts."""
+def test_a_free_strut_bears_no_force_and_the_missing_force_moves_the_payload(tables, data, lines):
+    """By eq. (9); the secondary deficit translates the payload; the elastic mapping rotates it."""
     for theorem in (7, 8, 9):
         part = f"strut_1_free_theorem_{theorem}"
         along = data[f"{part}_wrench"] @ np.linalg.inv(lines)[:, 0]
         np.testing.assert_allclose(along, 0, atol=1e-12)
         np.testing.assert_allclose(data[f"{part}_held_strut_n"][:, -1, 0], 0, atol=1e-3)
-    held = tables["prescribed"].set_index(["condition", "mapping"]).loc["strut 1 free"]
-    rigid, elastic = held.loc["rigid"], held.loc["elastic"]
+    loads = tables["prescribed"].set_index(["condition", "mapping"]).loc["strut 1 free"]
+    rigid, elastic = loads.loc["rigid"], loads.loc["elastic"]
     assert (rigid.lacking_major_n_m < 1e-12).all()
     assert (rigid.simulated_translation_um > 20).all()
     assert (rigid.simulated_pointing_urad < 0.5).all()
@@ -110,19 +112,19 @@ def test_a_free_strut_bears_nothing_and_what_is_lacking_moves_the_payload(tables
 
 
 def test_without_eq_9_a_free_strut_presses_with_another_major_force(data):
-    """Theorem 8 as printed, for a mechanism that has the self-motion which section 3 excludes."""
-    condition, asked = force.Condition("free", 0), data["asked_wrench"][:, MAJOR]
-    kin = force.known_system(condition).kinematics()
-    printed = force_mapping(kin.J, MAJOR, SECONDARY, np.array(force.SPARING)[kin.actuators])
-    torques = kin.expand(printed(asked))
-    off = force.exert(rig(), condition.failures, torques).fixture[:, -1, MAJOR] - asked
-    off_percent = 100 * np.linalg.norm(off, axis=1) / np.linalg.norm(asked, axis=1)
-    assert [round(off_percent.min()), round(off_percent.max())] == [39, 96]
+    """Theorem 8 as printed is applied to a mechanism with self-motion, which section 3 excludes."""
+    condition, targets = force.Condition("free", 0), data["asked_wrench"][:, MAJOR]
+    kin = force.failed_system(condition).kinematics()
+    printed = force_mapping(kin.J, MAJOR, SECONDARY, np.array(force.W3_HOT)[kin.actuators])
+    torques = kin.expand(printed(targets))
+    off = force.simulate_load(rig(), condition.failures, torques).fixture[:, -1, MAJOR] - targets
+    difference_percent = 100 * np.linalg.norm(off, axis=1) / np.linalg.norm(targets, axis=1)
+    assert [round(difference_percent.min()), round(difference_percent.max())] == [39, 96]
 
 
-def test_the_platform_spends_internal_force_and_presses_with_one_wrench(tables, data):
-    """Against every other internal force, and against none."""
-    kin = force.sound_system(force.PLATFORM_MJCF, force.PLATFORM_TASK).kinematics()
+def test_the_platform_uses_internal_force_and_exerts_the_same_wrench(tables, data):
+    """Other internal forces, and none, have a larger cost."""
+    kin = force.healthy_system(force.PLATFORM_MJCF, force.PLATFORM_TASK).kinematics()
     C = kin.active_constraint[0]
     weights = dict(enumerate(np.ones((4, 4)) + (force.HOT - 1) * np.eye(4)))
     uses = {f"motor_{k + 1}_hot": (W3, np.zeros(4)) for k, W3 in weights.items()}
@@ -133,10 +135,10 @@ def test_the_platform_spends_internal_force_and_presses_with_one_wrench(tables, 
         for eta in np.linspace(-60, 60, 25):
             cost = [np.linalg.norm(tau * W3, axis=1) for tau in (best, best + eta * C)]
             assert (cost[0] <= cost[1] + 1e-9).all()
-        ways = (f"platform_{name}_{way}_fixture" for way in ("without", "used"))
-        np.testing.assert_allclose(*(data[way][:, -1] for way in ways), atol=1e-3)
-    by_way = tables["internal_force"].set_index("internal_force")
-    without, used = (by_way.loc[way].set_index("name") for way in ("without", "used"))
+        fixtures = (f"platform_{name}_{case}_fixture" for case in ("without", "used"))
+        np.testing.assert_allclose(*(data[case][:, -1] for case in fixtures), atol=1e-3)
+    by_use = tables["internal_force"].set_index("internal_force")
+    without, used = (by_use.loc[case].set_index("name") for case in ("without", "used"))
     assert (without.internal_rms_n < 1e-9).all()
     np.testing.assert_allclose(used.internal_simulated_rms_n, used.internal_rms_n, rtol=1e-4)
     assert (used.weighed_rms_n < 0.9 * without.weighed_rms_n).all()

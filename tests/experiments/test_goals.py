@@ -1,4 +1,4 @@
-"""Secondary goals with desired rates: their laws, and runs in which pointing must not notice."""
+"""Tests of the study `goals`: laws of the secondary goals, and unchanged pointing in runs."""
 
 from dataclasses import replace
 from functools import cache
@@ -27,7 +27,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 
 def slope(function, at: np.ndarray, step: float) -> np.ndarray:
-    """Central differences of a scalar function."""
+    """Return the gradient of a scalar function by central differences."""
     steps = step * np.eye(len(at))
     return np.array([(function(at + e) - function(at - e)) / (2 * step) for e in steps])
 
@@ -37,7 +37,7 @@ def slope(function, at: np.ndarray, step: float) -> np.ndarray:
 
 @given(seeds)
 def test_a_step_of_the_coils_solves_their_heat_balance(seed):
-    """C dT/dt = R(T) I^2 - (T - T_ambient) / R_th, against a general integrator."""
+    """The reference is a general integrator of C dT/dt = R(T) I^2 - (T - T_ambient) / R_th."""
     rng = np.random.default_rng(seed)
     start, current = rng.uniform(20, 150, 6), rng.uniform(-4, 4, 6)
 
@@ -53,19 +53,19 @@ def test_a_step_of_the_coils_solves_their_heat_balance(seed):
     np.testing.assert_allclose(rest, 20 + 5.0 * current**2 / lost, rtol=1e-12)
 
 
-def test_at_its_critical_current_a_copper_coil_warms_evenly():
-    """Heat and loss rise alike; beyond it runs away."""
+def test_at_its_critical_current_a_copper_coil_heats_at_a_constant_rate():
+    """Heat and loss have equal slopes; above this current there is thermal runaway."""
     coil = Coils(5.0, 4.0, np.array([1.5]), 20.0)
     at = np.array([1 / np.sqrt(COPPER_PER_K * 5.0 * 1.5)])
     rise = coil.step(coil.cold(), at, 8.0) - 20
     np.testing.assert_allclose(rise, 8.0 * coil.net_power_w(coil.cold(), at) / 4.0, rtol=1e-9)
 
 
-# What leads where: gradients against finite differences, clearance against its closed form.
+# Gradients against finite differences, clearance against its closed form.
 
 
 @given(seeds)
-def test_the_stops_desired_rates_are_down_the_gradient_of_their_potential(seed):
+def test_desired_rates_from_stops_are_the_negative_gradient_of_a_potential(seed):
     displacements = np.random.default_rng(seed).uniform(-STROKE_M, STROKE_M, 6)
 
     def potential(l_m: np.ndarray) -> float:
@@ -87,8 +87,8 @@ def random_pose(seed: int) -> Pose:
 
 
 @given(seeds)
-def test_the_clearance_is_that_of_a_sphere_beside_a_cylinder(seed):
-    """From the sphere's centre to the mantle, less the radius; by hand, in base axes."""
+def test_the_clearance_is_that_of_a_sphere_and_a_cylinder(seed):
+    """The distance from the centre to the lateral surface, less the radius, is in base axes."""
     pose = random_pose(seed)
     # World is diag(1, -1, -1) of base; the cell hangs 0.1445 m below the payload's origin.
     centre = np.array([0.0, -(0.065 + physics.GAP_M + physics.RADIUS_M), 0.144482272])
@@ -102,7 +102,7 @@ def test_the_clearance_is_that_of_a_sphere_beside_a_cylinder(seed):
 
 
 @given(seeds)
-def test_the_retreat_is_down_the_gradient_of_the_missing_clearance(seed):
+def test_the_retreat_is_the_negative_gradient_of_the_missing_clearance(seed):
     pose = random_pose(seed)
 
     def potential(t_m: np.ndarray) -> float:
@@ -116,8 +116,8 @@ def test_the_retreat_is_down_the_gradient_of_the_missing_clearance(seed):
 
 
 @given(seeds, st.sampled_from([range(7), range(3, 7), (1, 2, 5, 6)]))
-def test_the_gradient_of_manipulability_is_its_slope_along_the_joints(seed, moving):
-    """The closed form knows the joints' axes; MuJoCo turns the joints."""
+def test_the_gradient_of_manipulability_equals_finite_differences(seed, moving):
+    """The closed form uses the joint axes, the reference MuJoCo's kinematics."""
     model = load_model(ARM_MJCF)
     data, moving = mujoco.MjData(model), list(moving)
 
@@ -131,30 +131,30 @@ def test_the_gradient_of_manipulability_is_its_slope_along_the_joints(seed, movi
 
 
 @given(seeds)
-def test_a_reading_of_the_rolled_detector_is_turned_back(seed):
-    """Off the axis a roll moves the spot; at the estimated pose the correction is exact."""
+def test_a_reading_of_the_detector_is_corrected_for_roll(seed):
+    """Off the axis roll moves the spot; at the estimated pose the correction is exact."""
     rng = np.random.default_rng(seed)
     pose = Pose(Rotation.from_rotvec(4e-3 * rng.uniform(-1, 1, 3)).as_matrix(), np.zeros(3))
     detector = replace(TestbedConfig().detector(), noise_m=0.0)
     read = Measurement(detector.read(pose.rotation, rng), np.zeros(6))
     pointing = pointing_angles(pose.rotation)
     # Up to the detector's small-angle optics, the cube of 4 mrad.
-    np.testing.assert_allclose(physics.unrolled(read, pose).output, pointing, atol=5e-8)
+    np.testing.assert_allclose(physics.without_roll(read, pose).output, pointing, atol=5e-8)
 
 
-# What the mapping owes to the major task, and the pseudo-inverse does not.
+# Exactness of the mapping, compared with the pseudo-inverse.
 
 
 @given(seeds)
 def test_a_weighted_pseudo_inverse_is_least_squares_exact_in_the_limit(seed):
-    """Its error falls with the square of the weight, and never ends; the mapping has none."""
+    """Its error decreases with the square of the weight; the mapping has none."""
     rng = np.random.default_rng(seed)
     J, W1, W2, w = rng.normal(size=(6, 5)), rng.uniform(1, 3, 5), rng.uniform(1, 3, 4), 7.0
     v_m, rates_d, v_sd = rng.normal(size=2), rng.normal(size=5), rng.normal(size=4)
     mapping = weighted_pseudo_inverse(J, MAJOR, SECONDARY, w, W1, W2)
-    stacked = np.vstack([w * J[MAJOR], np.diag(W1), W2[:, None] * J[SECONDARY]])
-    aims = np.concatenate([w * v_m, W1 * rates_d, W2 * v_sd])
-    expected = np.linalg.lstsq(stacked, aims)[0]
+    matrix = np.vstack([w * J[MAJOR], np.diag(W1), W2[:, None] * J[SECONDARY]])
+    targets = np.concatenate([w * v_m, W1 * rates_d, W2 * v_sd])
+    expected = np.linalg.lstsq(matrix, targets)[0]
     np.testing.assert_allclose(mapping(v_m, rates_d, v_sd), expected, atol=1e-10)
 
     J = J[:2] / np.linalg.svd(J[:2], compute_uv=False)[-1]
@@ -168,12 +168,12 @@ def test_a_weighted_pseudo_inverse_is_least_squares_exact_in_the_limit(seed):
     np.testing.assert_allclose(rates(1e5), exact, atol=1e-7)
 
 
-# The arm: what its loop is closed over.
+# The arm: tracker and servos.
 
 
 @given(seeds)
 def test_the_tracker_reads_the_rotation_of_the_camera_in_its_own_axes(seed):
-    """Turned by a rotation vector w across its line of sight it reads -sin|w| w/|w|."""
+    """For a rotation vector w across the line of sight the reading is -sin|w| w/|w|."""
     rng = np.random.default_rng(seed)
     to_target, camera = np.append(rng.uniform(-0.5, 0.5, 2), 0.0), Rotation.random(rng=rng)
     view = (camera * Rotation.from_rotvec(to_target)).apply([0.0, 0.0, 1.0])
@@ -186,8 +186,8 @@ def test_the_tracker_reads_the_rotation_of_the_camera_in_its_own_axes(seed):
     )
 
 
-def test_servos_sent_ahead_by_their_lag_turn_as_if_they_had_none():
-    """Joints without a lag follow the mean of held commands: half a period, half a step ahead."""
+def test_servos_with_lead_have_no_lag():
+    """Joints without lag follow the mean of sampled commands: half a period, half a step ahead."""
     model, rates = load_model(ARM_MJCF), 1e-3 * np.array([1, -2, 3, -1, 2, -3, 1])
     plant, servos, periods = Plant(model), physics.Servos(model), 600
     for _ in range(periods):
@@ -199,8 +199,8 @@ def test_servos_sent_ahead_by_their_lag_turn_as_if_they_had_none():
 # The runs.
 
 
-def test_every_goal_is_kept_when_pursued_and_doing_nothing_costs_the_pointing(study):
-    """Pursued, the pointing changes less than half of another seed; else it meets a wall."""
+def test_pursued_goals_keep_their_limits_and_others_change_the_pointing(study):
+    """With the goal the pointing changes less than half as much as by another seed."""
     frames = study.tables
     worst = frames["runs"].pivot(index="goal", columns="name", values="worst")
     assert worst.pursued["reliability"] < physics.LIMIT_C - 10
@@ -225,14 +225,14 @@ def test_every_goal_is_kept_when_pursued_and_doing_nothing_costs_the_pointing(st
     assert changes["singularity"] > 100
 
 
-def test_the_coils_stay_cool_though_their_heat_path_is_worse_than_believed(study):
-    """The controller never measures them: it reckons with a thermal model of its own."""
+def test_the_coils_stay_cool_with_a_worse_heat_path_than_modelled(study):
+    """The controller estimates the temperatures with its thermal model."""
     data = study.arrays("reliability.npz")
     current = TestbedConfig().amplifier(126e3).current_a(data["pursued_strut_input_percent"])
-    believed = data["pursued_temperature_c"]
-    np.testing.assert_allclose(physics.COILS.temperatures_c(current, 1e-3), believed, atol=1e-6)
+    estimated = data["pursued_temperature_c"]
+    np.testing.assert_allclose(physics.COILS.temperatures_c(current, 1e-3), estimated, atol=1e-6)
     worse = replace(
         physics.COILS, thermal_resistance_k_per_w=1.2 * physics.COILS.thermal_resistance_k_per_w
     )
     hotter = worse.temperatures_c(current, 1e-3)
-    assert believed.max() < hotter.max() < physics.LIMIT_C
+    assert estimated.max() < hotter.max() < physics.LIMIT_C

@@ -1,4 +1,4 @@
-"""Eq. (40): how far the Jacobian varies over the stroke, and the proof that it is no further."""
+"""Tests of eq. (40), the variation of the Jacobian over the stroke, and of its certificate."""
 
 from functools import cache
 from itertools import pairwise
@@ -28,7 +28,7 @@ varied = cache(lambda norm: jacobian.variation(machine(), STROKE_M, norm))
 
 
 def random_hexapod(rng: np.random.Generator) -> Hexapod:
-    """The paper's with every node moved by up to 3 cm."""
+    """Return the paper's hexapod with every node moved by up to 3 cm."""
     return Hexapod(
         bottom_m=machine().bottom_m + rng.uniform(-0.03, 0.03, (6, 3)),
         top_m=machine().top_m + rng.uniform(-0.03, 0.03, (6, 3)),
@@ -37,7 +37,7 @@ def random_hexapod(rng: np.random.Generator) -> Hexapod:
 
 @given(seeds)
 def test_the_power_series_of_the_jacobian_sums_to_the_jacobian(seed):
-    """Forward kinematics and inversion, which know nothing of series, are the oracle."""
+    """The reference is forward kinematics and inversion."""
     rng = np.random.default_rng(seed)
     geometry, struts_m = random_hexapod(rng), rng.uniform(-4e-3, 4e-3, (3, 6))
     series = jacobian_series(geometry, struts_m, 6)
@@ -49,7 +49,7 @@ def test_the_power_series_of_the_jacobian_sums_to_the_jacobian(seed):
 
 @given(seeds)
 def test_every_estimate_bounds_its_taylor_coefficient_on_every_ray(seed):
-    """At five points of any ray, by the series of the hexapod as it stands there."""
+    """Coefficients are computed at five points of any ray, as a hexapod with that nominal pose."""
     rng = np.random.default_rng(seed)
     geometry, corner = random_hexapod(rng), rng.choice([-1.0, 1.0], 6)
     length_m, stroke_m = rng.uniform(0.05, 0.5), rng.uniform(1e-4, 3e-3)
@@ -60,10 +60,10 @@ def test_every_estimate_bounds_its_taylor_coefficient_on_every_ray(seed):
     largest = max(float(size(D[:, None] * J, "two")) for J in inverses)
     bounds = certificate.coefficient_bounds(geometry, stroke_m, length_m, largest)
     for pose in poses:
-        there = Hexapod(  # its nominal pose where its payload is now
+        there = Hexapod(  # with this pose as nominal one
             geometry.bottom_m - pose.translation_m, geometry.top_m @ pose.rotation.T
         )
-        # As the machine stands there its struts have their present lengths.
+        # The struts of this hexapod have their lengths at the pose.
         series = jacobian_series(there, stroke_m * corner, ORDER + 1)
         sizes = {
             "arm": [np.linalg.norm(p, axis=-1).max() for p in series.arm],
@@ -79,7 +79,7 @@ def test_every_estimate_bounds_its_taylor_coefficient_on_every_ray(seed):
 
 @each_norm
 def test_norms_are_attained_by_rotations_and_over_all_arguments_of_a_form(norm):
-    """||D^-1 M|| is at most ||D^-1|| ||M||_2, which orthogonal M attain; forms by brute force."""
+    """Orthogonal M attain ||D^-1 M|| <= ||D^-1|| ||M||_2; forms are evaluated at all vertices."""
     turn = Rotation.from_rotvec([0.1, 0.5, -0.3]).as_matrix()
     M = np.kron(np.eye(2), turn)
     for length_m in (0.05, 3.0):
@@ -94,8 +94,8 @@ def test_norms_are_attained_by_rotations_and_over_all_arguments_of_a_form(norm):
 
 @pytest.mark.long
 @each_norm
-def test_the_certificate_is_tight_becomes_the_value_and_survives_rounding(norm):
-    """Its first term alone would be none; turned base axes leave both norms of J alone."""
+def test_the_certificate_is_tight_converges_to_the_value_and_survives_rounding(norm):
+    """The first term alone is no bound; rotated base axes do not change the norms of J."""
     value = varied(norm).value * size(nominal(), norm)
     proof = certify(machine(), STROKE_M, norm)
     assert value <= proof.upper_bound < 1.01 * value
@@ -103,8 +103,8 @@ def test_the_certificate_is_tight_becomes_the_value_and_survives_rounding(norm):
     assert proof.remainder < 0.01 * value
     excess = []
     for stroke_m in (6e-4, 6e-5, 6e-6):
-        found = jacobian.variation(machine(), stroke_m, norm).value * float(size(nominal(), norm))
-        excess.append(certify(machine(), stroke_m, norm).upper_bound / found - 1)
+        largest = jacobian.variation(machine(), stroke_m, norm).value * float(size(nominal(), norm))
+        excess.append(certify(machine(), stroke_m, norm).upper_bound / largest - 1)
     assert min(excess) >= 0
     assert excess[1] < 0.2 * excess[0] and excess[2] < 0.2 * excess[1]
     turned = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
@@ -113,8 +113,8 @@ def test_the_certificate_is_tight_becomes_the_value_and_survives_rounding(norm):
     assert abs(off) < 1e-3 * certificate.ROUNDING
 
 
-def test_a_box_too_large_for_the_argument_gets_no_certificate():
-    """Infinite, not wrong: the estimates cannot keep J from growing without limit."""
+def test_a_box_too_large_for_the_proof_has_no_certificate():
+    """The bound is infinite, as the estimates do not bound J."""
     for stroke_m in (0.02, 0.45, 10.0):  # the last ones longer than the struts
         assert certify(machine(), stroke_m, "frobenius").upper_bound == np.inf
 
@@ -137,19 +137,19 @@ def test_nothing_in_the_box_exceeds_its_certificate(seed):
 
 @pytest.mark.long
 @each_norm
-def test_the_supremum_is_attained_and_another_search_finds_no_more(norm):
-    """DIRECT (Jones et al. 1993) divides the box and starts from no corner."""
-    found = varied(norm)
-    there = jacobian.relative_change(machine(), found.at_strut_m, norm)
-    assert there == pytest.approx(found.value, rel=1e-12)
-    assert np.abs(found.at_strut_m).max() <= STROKE_M
+def test_the_supremum_is_attained_and_another_search_gives_the_same(norm):
+    """The other search is DIRECT (Jones et al. 1993), which subdivides the box."""
+    largest = varied(norm)
+    there = jacobian.relative_change(machine(), largest.at_strut_m, norm)
+    assert there == pytest.approx(largest.value, rel=1e-12)
+    assert np.abs(largest.at_strut_m).max() <= STROKE_M
     other = direct(
         lambda struts: -jacobian.relative_change(machine(), STROKE_M * struts, norm),
         [(-1, 1)] * 6,
         maxfun=4000,
         vol_tol=0.0,
     )
-    assert 0.98 * found.value < -other.fun <= found.value
+    assert 0.98 * largest.value < -other.fun <= largest.value
 
 
 @pytest.mark.parametrize(
@@ -159,11 +159,11 @@ def test_the_supremum_is_attained_and_another_search_finds_no_more(norm):
         ("two", [1, 1, -1, -1, -1, 1], 0.0035, 1.9),
     ],
 )
-def test_the_papers_values_are_exceeded_at_a_corner_that_anyone_can_check(norm, corner, e, times):
-    """Struts 1, 2 long and the others short by the full stroke."""
-    found = jacobian.relative_change(machine(), STROKE_M * np.array(corner), norm)
-    assert found == pytest.approx(e, abs=5e-6)
-    assert found > times * paper.JACOBIAN_VARIATION[norm]
+def test_the_papers_values_are_exceeded_at_a_corner(norm, corner, e, times):
+    """Struts are long or short by the full stroke."""
+    change = jacobian.relative_change(machine(), STROKE_M * np.array(corner), norm)
+    assert change == pytest.approx(e, abs=5e-6)
+    assert change > times * paper.JACOBIAN_VARIATION[norm]
 
 
 H = 1e-6
@@ -171,7 +171,7 @@ ASIDE = NOMINAL.moved(np.array([0.02, -0.03, 0.04, 2e-3, 1e-3, -1e-3]))
 
 
 def slopes(coordinates) -> np.ndarray:
-    """Central differences of coordinates of a pose aside along each strut, shape (k, 6)."""
+    """Return derivatives of coordinates at a pose off centre along each strut, shape (k, 6)."""
     struts_m, columns = machine().displacements(ASIDE), []
     for e in H * np.eye(6):
         ahead, behind = (forward_kinematics(machine(), struts_m + s * e) for s in (1, -1))
@@ -187,8 +187,8 @@ def angles_by_axis(sequence: str):
     return angles_and_origin
 
 
-def test_readings_are_slopes_of_what_they_are_called():
-    """Euler rates of the angles, the twist of another point of that point; others by hand."""
+def test_readings_are_derivatives_of_the_named_quantities():
+    """Euler rates are derivatives of angles, the twist of a point that of its position."""
     J = np.linalg.inv(machine().inverse_jacobian(ASIDE))
     for order, sequence in (("Rz Ry Rx", "ZYX"), ("Rx Ry Rz", "XYZ")):
         euler = jacobian.READINGS[f"Euler rates, R = {order}"](ASIDE, J)
@@ -223,16 +223,16 @@ def test_the_json_states_eq_39_and_the_proof_of_eq_40(study):
     assert list(study.tables["variation"].norm) == list(NORMS)
 
 
-def test_the_papers_pair_is_that_of_the_largest_entry_over_both_norms(study):
-    """The same numerator for both: their ratio, 1.5, is that of the norms of J_0, 1.54."""
-    tried = study.tables["tried"].set_index("reading")
-    assert len(tried) == 25
-    (theirs,) = tried.index[tried.is_the_papers]
-    assert theirs == "twist; largest entry of the change"
+def test_the_papers_pair_is_the_largest_entry_over_both_norms(study):
+    """With one numerator their ratio, 1.5, is that of the norms of J_0, 1.54."""
+    readings = study.tables["tried"].set_index("reading")
+    assert len(readings) == 25
+    (papers_reading,) = readings.index[readings.is_the_papers]
+    assert papers_reading == "twist; largest entry of the change"
     corner = STROKE_M * np.array([-1, -1, -1, -1, -1, 1])
     change = jacobian.jacobian_at(machine(), corner, jacobian.twist_in_base_axes) - nominal()
     assert np.unravel_index(np.abs(change).argmax(), (6, 6)) == (1, 2)
     for norm in NORMS:
         e = np.abs(change).max() / size(nominal(), norm)
-        assert tried.loc[theirs, norm] == pytest.approx(e, rel=1e-12)
+        assert readings.loc[papers_reading, norm] == pytest.approx(e, rel=1e-12)
         assert round(e, 4) == paper.JACOBIAN_VARIATION[norm]

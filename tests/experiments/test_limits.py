@@ -1,4 +1,4 @@
-"""The study of limits in the loop: its oracle, its strategies and its checks."""
+"""Tests of the study `limits`: attainable pointing, strategies and data."""
 
 import numpy as np
 import pytest
@@ -6,13 +6,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from experiments.limits import Strategy, allocation, line_of_sight, move_arm, redistributed, room
+from experiments.limits import (
+    Strategy,
+    allocation,
+    line_of_sight,
+    move_arm,
+    redistributed,
+    signed_distance,
+)
 from prioritized import ConstrainedSystem
 from tests.profiles import examples
 
 
-def test_the_outline_is_what_bounded_least_squares_can_reach():
-    """Inside, some displacements have the pointing; outside, the distance is the least error."""
+def test_the_outline_bounds_the_pointing_of_bounded_least_squares():
+    """Inside the error is zero; outside the distance is the least error."""
     rng = np.random.default_rng(0)
     J_m, lower, upper = rng.normal(size=(2, 5)), -rng.uniform(0.1, 1, 5), rng.uniform(0.1, 1, 5)
     kinematics = ConstrainedSystem(J_m, None, range(5)).kinematics()
@@ -21,31 +28,31 @@ def test_the_outline_is_what_bounded_least_squares_can_reach():
     least = [
         np.sqrt(2 * lsq_linear(J_m, point, (lower, upper), method="bvls").cost) for point in points
     ]
-    found = room(corners, points)
-    np.testing.assert_allclose(-np.minimum(found, 0), least, atol=1e-6)
-    assert (found > 0).any()
+    distances = signed_distance(corners, points)
+    np.testing.assert_allclose(-np.minimum(distances, 0), least, atol=1e-6)
+    assert (distances > 0).any()
 
 
 @pytest.mark.parametrize("name", ["strict", "scaled", "clipping", "redistributed", "weighted"])
-def test_every_strategy_is_the_mapping_where_nothing_is_at_a_limit(name):
-    """And obeys the limits where they are narrow; the weighted problem within its weight."""
+def test_every_strategy_equals_the_mapping_without_active_limits(name):
+    """With narrow limits the rates are within them; weighted problems are inexact."""
     rng = np.random.default_rng(1)
     system = ConstrainedSystem(rng.normal(size=(4, 6)), None, np.arange(6))
     kinematics, v = system.with_failures(locked=[2]).kinematics(), np.array([0.3, -0.2])
-    find = allocation(Strategy(name, 1e4 if name == "weighted" else None))
+    allocate = allocation(Strategy(name, 1e4 if name == "weighted" else None))
     for half in (10.0, 0.05):
         limits = np.full(6, -half), np.full(6, half)
-        found = find(kinematics, limits, [0, 1], [2, 3]).solve(v)
-        assert np.abs(found.rates).max() <= half
+        solution = allocate(kinematics, limits, [0, 1], [2, 3]).solve(v)
+        assert np.abs(solution.rates).max() <= half
         if half == 10.0:
             expected = kinematics.velocity_mapping([0, 1], joint_weight=np.ones(5))(v)
-            np.testing.assert_allclose(found.rates, expected, atol=1e-6)
+            np.testing.assert_allclose(solution.rates, expected, atol=1e-6)
 
 
 @examples(40)
 @given(st.integers(0, 2**32 - 1))
-def test_what_saturated_actuators_lack_the_others_make_up_for(seed):
-    """What moves does by the pseudo-inverse what the others leave; none is beyond a limit."""
+def test_the_others_compensate_for_saturated_actuators(seed):
+    """The moving ones compensate by the pseudo-inverse; none is beyond a limit."""
     rng = np.random.default_rng(seed)
     J_m, v, desired = rng.normal(size=(2, 6)), rng.normal(size=2), rng.normal(size=6)
     half = rng.uniform(0.1, 1.0, 6)
@@ -60,7 +67,7 @@ def test_what_saturated_actuators_lack_the_others_make_up_for(seed):
 
 
 @pytest.mark.long
-def test_the_line_of_sight_goes_out_and_back_and_a_locked_elbow_stands():
+def test_the_line_of_sight_tilts_out_and_back_and_a_locked_elbow_is_fixed():
     views = line_of_sight(np.linspace(0, 40, 401), 40.0)
     np.testing.assert_allclose(np.linalg.norm(views, axis=1), 1)
     np.testing.assert_allclose(views[[0, -1]], [[0, 0, 1]] * 2, atol=1e-12)
@@ -69,8 +76,8 @@ def test_the_line_of_sight_goes_out_and_back_and_a_locked_elbow_stands():
     assert np.ptp(elbow_rad[len(elbow_rad) // 2 + 1 :]) == 0.0
 
 
-def test_the_data_have_the_errors_of_the_table_and_strict_priority_points(study):
-    """Where the target is attainable as without limits; elsewhere no nearer than is possible."""
+def test_the_data_have_the_errors_of_the_table_and_strict_priority_tracks(study):
+    """Attainable targets are tracked as without limits; else the error is at least the minimum."""
     data, spirals = study.arrays("spirals.npz"), study.tables["spirals"]
     for spiral in spirals.itertuples():
         error = np.linalg.norm(data["desired_rad"] - data[f"{spiral.name}_true_rad"], axis=1)

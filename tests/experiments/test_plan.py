@@ -1,4 +1,4 @@
-"""Which cases `fjh paper recover` has: drawn from a seed and a place, and small."""
+"""Tests of the cases of `fjh paper recover`, sampled from a seed and an index."""
 
 import pickle
 from dataclasses import replace
@@ -18,11 +18,11 @@ from fjh.rig.random_streams import CORRELATION, RandomStreams
 from sim import HEXAPOD_MJCF
 from sim.plant import FailureKind
 
-whole = cache(partial(plan.hexapod_failures, plan.WHOLE, healthy_for(2.0), BENCH.duration_s))
-eventful = cache(partial(plan.hexapod_events, EVENTS, plan.EVENTS_EACH, 3600.0))
+full = cache(partial(plan.hexapod_failures, plan.WHOLE, healthy_for(2.0), BENCH.duration_s))
+with_events = cache(partial(plan.hexapod_events, EVENTS, plan.EVENTS_EACH, 3600.0))
 
 
-@pytest.mark.parametrize("cases", [whole, eventful])
+@pytest.mark.parametrize("cases", [full, with_events])
 def test_cases_are_a_pure_function_of_the_seed_and_small(cases):
     own, other = cases(7), cases(4)
     assert cases.__wrapped__(7) == own and [case.number for case in own] == list(range(len(own)))
@@ -30,8 +30,8 @@ def test_cases_are_a_pure_function_of_the_seed_and_small(cases):
     assert max(len(pickle.dumps(case)) for case in own[:100]) < 2000
 
 
-def test_the_failures_are_those_that_were_published():
-    """As first drawn, and nothing else happens to them; each size is one that a plant can have."""
+def test_the_failures_are_the_published_ones():
+    """Numbers are those of the published dataset; all sizes are valid for a plant."""
     cases = plan.hexapod_failures(plan.WHOLE, healthy_for(0.1), BENCH.duration_s, 3)
     first = {0: (4.085, 3017326895), 400: (4.038, 1069903208), 1000: (10.592, 2805759266)}
     assert len(cases) == 1127
@@ -48,42 +48,42 @@ def test_the_failures_are_those_that_were_published():
     assert failing == {"exact", "all", *ALONE}
 
 
-def test_more_hours_go_on_after_the_same_cases():
-    drawn_from = hexapod_basis(3, False, False, None)
-    short, long = (plan.hexapod_cases(drawn_from, healthy) for healthy in (9, 12))
+def test_more_hours_append_cases():
+    sampling = hexapod_basis(3, False, False, None)
+    short, long = (plan.hexapod_cases(sampling, healthy) for healthy in (9, 12))
     assert short == long[: len(short)] and len(long) == len(short) + 3
     assert plan.healthy_for(1.0) == 225 and plan.healthy_for(1e-3) == 1
 
 
-def test_a_failure_is_the_same_whatever_the_plant_and_all_are_drawn():
-    """So that what a mismatch costs is not the luck of the draw."""
-    cases = [case for case in whole(7) if case.sort in ("failure", "size")]
+def test_a_failure_is_the_same_with_any_plant_and_all_kinds_are_sampled():
+    """Errors with different mismatches can then be compared."""
+    cases = [case for case in full(7) if case.sort in ("failure", "size")]
     by_draw: dict[int, set[Case]] = {}
-    alike = {"number": 0, "sort": "size", "mismatch": "exact", "factor": 1.0, "compared": ()}
+    same_values = {"number": 0, "sort": "size", "mismatch": "exact", "factor": 1.0, "compared": ()}
     for case in cases:
-        by_draw.setdefault(case.draw, set()).add(replace(case, **alike))
+        by_draw.setdefault(case.draw, set()).add(replace(case, **same_values))
     assert {len(same) for same in by_draw.values()} == {1}
     assert len({(case.failures[0].actuator, case.failures[0].kind) for case in cases[:18]}) == 18
     for case in cases[:18]:
-        after_s = case.happens_s - case.begin_s
+        after_s = case.onset_s - case.begin_s
         assert round(after_s, 3) == plan.BEFORE_S
         assert case.begin_s > 0 and case.begin_s + case.duration_s <= 16.0
-    pairs = [case for case in whole(7) if case.sort == "pair"]
+    pairs = [case for case in full(7) if case.sort == "pair"]
     assert len(pairs) >= 20
     for first, second in (case.failures for case in pairs):
         assert first.actuator != second.actuator
         assert 0.1 <= second.time_s - first.time_s <= 2.0
 
 
-def test_every_event_has_cases_and_those_of_one_draw_differ_in_it_alone():
-    cases = eventful(1)[1:]
+def test_every_event_has_cases_that_differ_only_in_the_event():
+    cases = with_events(1)[1:]
     assert len(cases) == 12 * len(EVENTS) and len(EVENTS) >= 30
     assert [case.events[0].name for case in cases] == [n for n in EVENTS for _ in range(12)]
     times = {(case.draw, case.events[0].time_s) for case in cases}
     same = {replace(case, number=0, events=(), compared=()) for case in cases}
     assert len(times) == len(same) == 12
-    told = {case.events[0].name for case in cases if "informed" in case.compared}
-    assert told == {name for name in EVENTS if name in get_args(FailureKind)}
+    informed = {case.events[0].name for case in cases if "informed" in case.compared}
+    assert informed == {name for name in EVENTS if name in get_args(FailureKind)}
     assert {case.events[0].actuator for case in cases[:12]} == set(range(6))
 
 
@@ -100,10 +100,10 @@ def test_the_other_family_is_log_normal_correlated_and_twice_as_wide():
 def test_a_robot_has_the_same_cases_with_every_sensing(monkeypatch):
     monkeypatch.setattr(plan, "check_reachable", lambda *_: None)
     options = RobotOptions(major=(3, 4), sense="both", crossover=0.7)
-    given = (HEXAPOD_MJCF.with_name("platform.xml"), options, 4.0)
-    [locked], _ = plan.robot_cases(*given, "designed", (), seed=0, quick=True)
+    arguments = (HEXAPOD_MJCF.with_name("platform.xml"), options, 4.0)
+    [locked], _ = plan.robot_cases(*arguments, "designed", (), seed=0, quick=True)
     assert locked.isolable and locked.sort == "failure"
-    cases, dithers = plan.robot_cases(*given, "none", (), seed=0, quick=False)
+    cases, dithers = plan.robot_cases(*arguments, "none", (), seed=0, quick=False)
     assert len(cases) == 3 * (4 * 3 + 3) and dithers == dict.fromkeys(("task", "joints", "both"))
     assert len({case.seed for case in cases}) == 15
     assert not any(case.isolable for case in cases)

@@ -1,4 +1,4 @@
-"""A strut without coil, or without coil and spring: section 2.3.1 where springs decide."""
+"""Tests of the study `release`: a strut without coil, or without coil and spring."""
 
 from dataclasses import replace
 
@@ -23,8 +23,8 @@ def spirals(study):
 
 
 @pytest.mark.parametrize("goal", [replace(EQUAL, free=(0,)), replace(EQUAL, spring_lost=(4,))])
-def test_the_strut_mappings_springs_are_those_of_the_whole_mechanism(model, goal):
-    """42 velocities with all their springs, or six struts and a twist: the same answer."""
+def test_the_strut_mapping_has_the_springs_of_the_whole_mechanism(model, goal):
+    """The reference has 42 velocities with all springs, the mapping six struts and a twist."""
     mapping = StrutMapping(hexapod(model), goal, "constant", strut_and_payload_stiffness(model))
     suspension = dict.fromkeys(goal.spring_lost, 0.0)
     failed = elastic_system(model, suspension).with_failures(free=[*goal.free, *goal.spring_lost])
@@ -33,8 +33,8 @@ def test_the_strut_mappings_springs_are_those_of_the_whole_mechanism(model, goal
     np.testing.assert_allclose(mapping.major_gain(), whole.expand(gain.T).T, atol=1e-12)
 
 
-def test_a_loose_strut_is_estimated_where_the_springs_let_it_go(model):
-    """The pose estimate must not believe that a strut without coil stays at its centre."""
+def test_a_loose_strut_is_estimated_at_its_elastic_equilibrium(model):
+    """The pose estimate does not assume a strut without coil at its centre."""
     stiffness = strut_and_payload_stiffness(model)
     mapping = StrutMapping(hexapod(model), replace(EQUAL, spring_lost=(0,)), "constant", stiffness)
     command = mapping.displacements(np.array([1e-4, 0.0]), NOMINAL)
@@ -45,8 +45,8 @@ def test_a_loose_strut_is_estimated_where_the_springs_let_it_go(model):
 
 
 @pytest.mark.parametrize("kind", ["free", "loose"])
-def test_the_linear_models_static_gain_is_that_of_the_springs(model, kind):
-    """Z (Z^T K Z)^-1 Z^T B u: soft constraints once made a loose strut 13 % too stiff."""
+def test_the_static_gain_of_the_linear_model_is_that_of_the_springs(model, kind):
+    """It is Z (Z^T K Z)^-1 Z^T B u; soft constraints would make a loose strut 13 % too stiff."""
     orbit = weightless(model)
     plant = Plant(orbit)
     Failure(0, kind).inject(plant)
@@ -63,8 +63,8 @@ def test_the_linear_models_static_gain_is_that_of_the_springs(model, kind):
     np.testing.assert_allclose(by_model, by_springs, rtol=1e-6)
 
 
-def test_with_its_spring_a_freed_strut_costs_what_a_locked_one_does(spirals, table1):
-    """Told in flight, the mapping goes over without a kick: pointing peaks as without failure."""
+def test_a_free_strut_with_spring_has_the_errors_of_a_locked_one(spirals, table1):
+    """A failure that becomes known during the spiral causes no transient."""
     locked = table1["by_name"]["W_a_uncorrected"]
     for angle in ("alpha", "beta"):
         key = f"{angle}_rms_urad"
@@ -76,23 +76,23 @@ def test_with_its_spring_a_freed_strut_costs_what_a_locked_one_does(spirals, tab
             assert spirals[f"free_{when}_corrected"][peak] < 1.05 * spirals["sound"][peak]
 
 
-def test_without_its_spring_the_loop_needs_the_mapping_of_its_bandwidth(spirals):
-    """At crossover the damper holds a loose strut: statics there nearly costs the loop."""
-    sound, told = spirals["sound"], spirals["loose_in_flight_corrected"]
+def test_without_spring_the_loop_needs_the_mapping_for_its_bandwidth(spirals):
+    """At crossover the damper fixes a loose strut: static mapping nearly destabilizes the loop."""
+    healthy, corrected = spirals["sound"], spirals["loose_in_flight_corrected"]
     as_locked = spirals["loose_in_flight_as_locked"]
-    assert sound["sensitivity_peak"] < 2.0
-    assert told["sensitivity_peak"] > 5.0
+    assert healthy["sensitivity_peak"] < 2.0
+    assert corrected["sensitivity_peak"] > 5.0
     assert as_locked["sensitivity_peak"] < 2.1
-    for switched in (told, as_locked):  # either way the handover itself is not felt
-        assert switched["alpha_peak_urad"] < 1.05 * sound["alpha_peak_urad"]
+    for switched in (corrected, as_locked):  # the switch causes no transient
+        assert switched["alpha_peak_urad"] < 1.05 * healthy["alpha_peak_urad"]
     for when in ("from_start", "in_flight"):
-        untold = spirals[f"loose_{when}_uncorrected"]
+        uncorrected = spirals[f"loose_{when}_uncorrected"]
         for angle in ("alpha", "beta"):
             key = f"{angle}_rms_urad"
-            assert spirals[f"loose_{when}_as_locked"][key] < 0.9 * untold[key]
+            assert spirals[f"loose_{when}_as_locked"][key] < 0.9 * uncorrected[key]
 
 
-def test_motion_is_the_linear_models_and_not_quasi_static_with_dampers(spirals):
+def test_motion_equals_the_linear_model_and_is_not_quasi_static(spirals):
     failing = pd.DataFrame(spirals.values()).dropna(subset="kind")
     assert (failing.motion_mismatch_linear_model_percent < 0.1).all()
     # With the spring, modes of 31 Hz follow a spiral of 0.5 Hz; without, a time constant of half a
@@ -102,11 +102,10 @@ def test_motion_is_the_linear_models_and_not_quasi_static_with_dampers(spirals):
     assert quasi_static.min()["loose"] > 30.0
 
 
-def test_at_rest_the_elastic_mapping_is_right_and_one_for_locks_the_worse_the_softer(study):
+def test_at_rest_only_the_elastic_mapping_is_right_at_all_stiffnesses(study):
     sweep = study.tables["sweep"]
     assert list(sweep.suspension_over_swing) == list(RATIOS)
-    # What is left is the struts that still have a coil: they are forces against springs, and
-    # yield to the flexures by 0.25 %; the linear model knows that.
+    # Coils are forces against springs, compliant by 0.25 %, which only the linear model has.
     assert (sweep.mismatch_elastic_percent < 0.3).all()
     assert (sweep.mismatch_linear_model_percent < 0.01).all()
     np.testing.assert_allclose(sweep.alpha_corrected_urad, 100.0, rtol=0.003)

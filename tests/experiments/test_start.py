@@ -1,4 +1,4 @@
-"""A signal at any moment: its exit code, one sentence, no traceback, no file, no process."""
+"""Tests of signals at any moment: exit code, one sentence, and no files or processes left."""
 
 import contextlib
 import os
@@ -19,7 +19,7 @@ ONE_BY_DAY = pytest.mark.parametrize(
 
 
 def at(moment: str) -> subprocess.Popen[str]:
-    """A command that has reached a line, and waits there."""
+    """Start a command and wait until it has reached a line."""
     process = started("-c", moment)
     assert process.stdout
     assert process.stdout.readline() == "here\n"
@@ -36,7 +36,7 @@ sys.modules["experiments.app.cli"] = Slow("experiments.app.cli")
 import experiments.__main__
 experiments.__main__.run()
 """
-"""The packages' imports stand in the way for a second; here a stub stands in for them."""
+"""Code in which a stub replaces the slow imports of packages."""
 
 RUNNING = """
 import sys, time
@@ -51,7 +51,7 @@ experiments.__main__.run()
 
 
 def running(out: Path, work: str) -> subprocess.Popen[str]:
-    """A study that does this work, and says when it does."""
+    """Start a study with this work and wait until it is in it."""
     return at(RUNNING.format(work=work, out=str(out)))
 
 
@@ -63,7 +63,7 @@ def test_during_the_imports(number):
 
 
 def test_nohup_is_respected():
-    """A signal that the process was started to ignore does nothing."""
+    """A signal ignored at the start of the process has no effect."""
     process = at(f"import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n{IMPORTING}")
     process.send_signal(signal.SIGHUP)
     time.sleep(0.2)
@@ -84,13 +84,13 @@ CLEARING = """
 
 
 @ONE_BY_DAY
-def test_while_a_study_runs_and_again_while_it_clears_away(number, tmp_path):
-    """`timeout` sends a signal twice, and a person presses Ctrl-C as often as it takes."""
+def test_while_a_study_runs_and_again_during_its_cleanup(number, tmp_path):
+    """Signals may be sent several times, as by `timeout` or repeated Ctrl-C."""
     process = running(tmp_path / "out", CLEARING)
     process.send_signal(number)
     assert process.stdout and process.stdout.readline() == "clearing\n"
-    for each in CODES:
-        process.send_signal(each)
+    for signal_number in CODES:
+        process.send_signal(signal_number)
     assert process.stdout.readline() == "cleared\n"
     ended(process, number)
     assert not (tmp_path / "out").exists()
@@ -107,8 +107,8 @@ FAILING = """
 
 @pytest.mark.long
 @EVERY
-def test_an_error_that_a_signal_causes_is_the_signal(number, tmp_path):
-    """A library that is interrupted may say anything."""
+def test_an_error_caused_by_a_signal_counts_as_the_signal(number, tmp_path):
+    """An interrupted library may raise any error."""
     process = running(tmp_path / "out", FAILING)
     process.send_signal(number)
     ended(process, number)
@@ -122,7 +122,7 @@ PARALLEL = """
 
 
 def works(process: subprocess.Popen[str]) -> bool:
-    """Whether it has a worker."""
+    """Return whether a process has a worker."""
     with contextlib.suppress(psutil.Error):  # it may be gone by now
         children = psutil.Process(process.pid).children()
         return any("spawn_main" in word for child in children for word in child.cmdline())

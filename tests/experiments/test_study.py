@@ -1,4 +1,4 @@
-"""Runs in parallel whose rows are kept: none is lost, and none depends on how it came about."""
+"""Tests of parallel runs with saved rows: reproducible and never lost."""
 
 import json
 import os
@@ -32,14 +32,14 @@ ROOT = Path(__file__).parents[2]
 
 @pytest.fixture(autouse=True)
 def _all_end():
-    """Whatever happens, no process is left."""
+    """Check that no process is left."""
     before = active_children()  # of a cluster that other tests share
     yield
     assert set(active_children()) <= set(before)
 
 
-def nothing(_done: int, _total: int) -> None:
-    """No progress is shown."""
+def no_progress(_done: int, _total: int) -> None:
+    """Ignore progress."""
 
 
 # Work in parallel.
@@ -48,34 +48,34 @@ def nothing(_done: int, _total: int) -> None:
 @pytest.mark.long
 def test_results_are_in_the_order_of_the_calls_and_of_one_thread(monkeypatch):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
-    told = []
+    progress_calls = []
     calls = [{"number": k} for k in range(5)]
-    found = in_parallel(work.square, calls, lambda *of: told.append(of))
-    assert found == [(k**2, {1}) for k in range(5)]
-    assert told == [(done, 5) for done in range(6)]
+    results = in_parallel(work.square, calls, lambda *of: progress_calls.append(of))
+    assert results == [(k**2, {1}) for k in range(5)]
+    assert progress_calls == [(done, 5) for done in range(6)]
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(
-    ("function", "given", "error", "said"),
+    ("function", "arguments", "error", "message"),
     [
         (work.refuse, {"what": "too much"}, ValueError, "too much"),
         (work.unprintable, {}, Exception, "pickle"),
-        (work.fall, {}, Unsound, "a worker was killed"),
+        (work.kill_itself, {}, Unsound, "a worker was killed"),
     ],
 )
-def test_what_goes_wrong_in_a_process_is_raised(function, given, error, said):
-    with pytest.raises(error, match=said):
-        in_parallel(function, [given] * 3, nothing)
+def test_errors_in_a_process_are_raised(function, arguments, error, message):
+    with pytest.raises(error, match=message):
+        in_parallel(function, [arguments] * 3, no_progress)
 
 
 @pytest.mark.long
-def test_processes_end_with_their_block_and_take_calls_when_there_is_room():
+def test_processes_end_with_their_block_and_take_calls_when_idle():
     taken = []
     calls = (taken.append(k) or {"number": k} for k in range(100))
     with processes(1) as pool:
         number, (square, *_) = next(finished(pool, work.square, calls))
-        assert square == number**2  # of those that are done, any comes first
+        assert square == number**2  # finished calls come in any order
         pool.submit(work.wait_for_a_signal)
     assert len(taken) < 20
 
@@ -85,18 +85,18 @@ def test_processes_end_with_their_block_and_take_calls_when_there_is_room():
 BASIS = basis_of(seed=0)
 
 
-def table(folder: Path, runs=TEN, basis=BASIS, resume: bool | None = True, made=row, **more):
-    given = {"where": Where(resume=resume), "on_progress": nothing} | more
-    return rows_of(runs, made, basis, name="many", folder=folder, **given)
+def table(folder: Path, runs=TEN, basis=BASIS, resume: bool | None = True, make=row, **options):
+    arguments = {"where": Where(resume=resume), "on_progress": no_progress} | options
+    return rows_of(runs, make, basis, name="many", folder=folder, **arguments)
 
 
 @pytest.fixture
 def here(monkeypatch):
-    """Runs are done in this process."""
+    """Patch that simulates runs in this process."""
 
     def done(pool, function, calls):
-        for number, each in enumerate(calls):
-            yield number, function(**each)
+        for number, call in enumerate(calls):
+            yield number, function(**call)
 
     @contextmanager
     def none(_count):
@@ -108,15 +108,15 @@ def here(monkeypatch):
 
 @pytest.fixture
 def whole(here, tmp_path_factory) -> pd.DataFrame:
-    """All rows, undisturbed."""
+    """Rows of an uninterrupted study."""
     return table(tmp_path_factory.mktemp("whole"), resume=False)
 
 
-def assert_same(found: pd.DataFrame, whole: pd.DataFrame) -> None:
-    pd.testing.assert_frame_equal(found, whole, check_exact=True)
+def assert_same(rows: pd.DataFrame, whole: pd.DataFrame) -> None:
+    pd.testing.assert_frame_equal(rows, whole, check_exact=True)
 
 
-def test_rows_are_what_was_returned_and_what_is_missing_is_nan(whole):
+def test_rows_are_those_returned_with_nan_for_missing_values(whole):
     pd.testing.assert_frame_equal(
         whole.astype(object).where(whole.notna(), None),
         pd.DataFrame([row(run) for run in TEN], dtype=object),
@@ -134,80 +134,80 @@ def stop_after(count: int):
 
 
 @pytest.mark.parametrize("count", [1, 7])
-def test_neither_interruption_nor_order_changes_a_bit(tmp_path, whole, count):
-    said = f"interrupted: {count} of 10 runs are kept; --resume continues"
-    with pytest.raises(Interrupted, match=said):
+def test_interruptions_and_order_do_not_change_a_bit(tmp_path, whole, count):
+    message = f"interrupted: {count} of 10 runs are saved; --resume continues"
+    with pytest.raises(Interrupted, match=message):
         table(tmp_path, resume=False, on_progress=stop_after(count))
     with pytest.raises(WrongInput, match="has unfinished runs: --resume"):
         table(tmp_path, resume=False)
-    asked = []
-    found = table(tmp_path, made=lambda run: asked.append(run.number) or row(run))
-    assert asked == list(range(count, 10))
-    assert_same(found, whole)
+    simulated = []
+    result = table(tmp_path, make=lambda run: simulated.append(run.number) or row(run))
+    assert simulated == list(range(count, 10))
+    assert_same(result, whole)
     lines = (tmp_path / UNFINISHED).read_text().splitlines()
     shuffled = [lines[0], *np.random.default_rng(0).permutation(lines[1:])]
     (tmp_path / UNFINISHED).write_text("\n".join(shuffled) + "\n")
     assert_same(table(tmp_path), whole)
 
 
-@pytest.mark.parametrize("torn", ["{", '{"case": 9', '{"case": 9, "value": 1e'])
-def test_a_line_that_was_not_written_to_its_end_is_done_again(tmp_path, whole, torn):
+@pytest.mark.parametrize("incomplete", ["{", '{"case": 9', '{"case": 9, "value": 1e'])
+def test_a_run_with_an_incomplete_line_is_repeated(tmp_path, whole, incomplete):
     with pytest.raises(Interrupted):
         table(tmp_path, on_progress=stop_after(9))
     with (tmp_path / UNFINISHED).open("a") as lines:
-        lines.write(torn)
+        lines.write(incomplete)
     for _ in range(2):
         assert_same(table(tmp_path), whole)
 
 
-def test_published_rows_go_on_with_more_runs_and_with_nothing_else(tmp_path, whole):
+def test_published_rows_are_continued_with_more_runs_only(tmp_path, whole):
     five = table(tmp_path, TEN[:5], resume=False)
     Result({"basis": BASIS}, rows=five).publish("many", tmp_path)
     (tmp_path / UNFINISHED).unlink()
-    asked = []
-    found = table(tmp_path, made=lambda run: asked.append(run.number) or row(run))
-    assert asked == [5, 6, 7, 8, 9]
-    assert_same(found, whole)
+    simulated = []
+    result = table(tmp_path, make=lambda run: simulated.append(run.number) or row(run))
+    assert simulated == [5, 6, 7, 8, 9]
+    assert_same(result, whole)
     (tmp_path / UNFINISHED).unlink()
-    with pytest.raises(WrongInput, match="it has another seed"):
+    with pytest.raises(WrongInput, match="they have another seed"):
         table(tmp_path, basis=BASIS | {"seed": 1})
 
 
-def test_runs_of_something_else_are_refused_or_begun_anew(here, tmp_path):
+def test_other_runs_are_rejected_or_replaced(here, tmp_path):
     table(tmp_path)
     other = BASIS | {"seed": 1, "code_sha256": "0"}
-    with pytest.raises(WrongInput, match="it has another seed, code_sha256"):
+    with pytest.raises(WrongInput, match="they have another seed, code_sha256"):
         table(tmp_path, basis=other)
-    again = [replace(each, seed=1) for each in TEN]
-    found = table(tmp_path, again, basis=other, resume=None)
-    assert found["value"].tolist() == [row(each)["value"] for each in again]
+    again = [replace(run, seed=1) for run in TEN]
+    rows = table(tmp_path, again, basis=other, resume=None)
+    assert rows["value"].tolist() == [row(run)["value"] for run in again]
     assert json.loads((tmp_path / UNFINISHED).read_text().splitlines()[0]) == other
 
 
 @pytest.mark.long
-def test_a_run_that_fails_in_a_process_is_named_and_the_others_are_kept(tmp_path):
-    said = "run 6 failed: ValueError in work.py, line [0-9]+: no such number; finished "
-    said += "runs are kept, and --resume continues"
-    with pytest.raises(Unsound, match=said):
-        table(tmp_path, made=failing)
+def test_a_run_that_fails_in_a_process_is_reported_and_the_others_are_saved(tmp_path):
+    message = "run 6 failed: ValueError in work.py, line [0-9]+: no such number; finished "
+    message += "runs are saved, and --resume continues"
+    with pytest.raises(Unsound, match=message):
+        table(tmp_path, make=failing)
     assert len((tmp_path / UNFINISHED).read_text().splitlines()) > 4
     assert table(tmp_path)["value"].tolist() == [row(run)["value"] for run in TEN]
 
 
-def test_ctrl_c_after_the_last_run_says_that_runs_are_kept(here, tmp_path):
-    """A study may compute for minutes beside its rows."""
+def test_ctrl_c_after_the_last_run_reports_saved_runs(here, tmp_path):
+    """A study may compute for minutes after its rows."""
 
     def slow(*, folder: Path, on_progress: OnProgress) -> Result:
         table(folder)
         raise KeyboardInterrupt
 
-    with pytest.raises(Interrupted, match="finished runs are kept, and --resume continues"):
-        conduct(slow, tmp_path, shown=False)
+    with pytest.raises(Interrupted, match="finished runs are saved, and --resume continues"):
+        conduct(slow, tmp_path, show=False)
     assert len((tmp_path / UNFINISHED).read_text().splitlines()) == 11
 
 
-def test_a_full_disk_is_one_sentence_and_what_fits_is_kept(tmp_path, whole, monkeypatch):
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # nor cut what others import
+def test_a_full_disk_is_one_sentence_and_complete_rows_are_saved(tmp_path, whole, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # else a truncated file could be imported
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1500, limit[1]))
     try:
@@ -220,7 +220,7 @@ def test_a_full_disk_is_one_sentence_and_what_fits_is_kept(tmp_path, whole, monk
 
 # The folder.
 
-HOLD = """
+WAITING = """
 import sys
 from pathlib import Path
 from fjh.study.files import alone_in
@@ -230,8 +230,8 @@ with alone_in(Path(sys.argv[1])):
 """
 
 
-def test_a_folder_is_one_studys_until_that_is_killed(tmp_path):
-    folder, command = tmp_path / "out", [sys.executable, "-c", HOLD, str(tmp_path / "out")]
+def test_a_folder_is_locked_until_its_study_is_killed(tmp_path):
+    folder, command = tmp_path / "out", [sys.executable, "-c", WAITING, str(tmp_path / "out")]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, cwd=ROOT, **pipes) as first:
         assert first.stdout and first.stdout.readline() == "\n"
@@ -249,7 +249,7 @@ def test_a_folder_is_one_studys_until_that_is_killed(tmp_path):
 
 
 @pytest.mark.long
-def test_a_scheduler_gives_the_same_rows_another_release_none(
+def test_a_scheduler_gives_the_same_rows_and_rejects_another_release(
     scheduler, whole, monkeypatch, tmp_path
 ):
     assert_same(table(tmp_path, where=Where(scheduler=scheduler)), whole)
@@ -257,23 +257,23 @@ def test_a_scheduler_gives_the_same_rows_another_release_none(
     with pytest.raises(WrongInput, match="it has another release"), workers.cluster(scheduler):
         pass
     monkeypatch.setattr(workers, "ANSWERS_IN_S", 0.5)
-    nobody = "tcp://127.0.0.1:9"
-    with pytest.raises(WrongInput, match=f"{nobody} does not answer"), workers.cluster(nobody):
+    address = "tcp://127.0.0.1:9"
+    with pytest.raises(WrongInput, match=f"{address} does not answer"), workers.cluster(address):
         pass
 
 
 @pytest.mark.parametrize(
     "address", ["tcp://head:8786", "head:8786", "tls://head:8786", "tcp://127.0.0.1:1"]
 )
-def test_a_scheduler_that_others_can_reach_is_warned_of(address, capsys, monkeypatch):
+def test_an_unencrypted_remote_scheduler_causes_a_warning(address, capsys, monkeypatch):
     def refuses(*_: object, **__: object) -> None:
         raise OSError("no client here")
 
     monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=refuses))
     with pytest.raises(WrongInput, match="no client here"), workers.cluster(address):
         pass
-    said, warned = capsys.readouterr().err, not address.startswith(("tls://", "tcp://127."))
-    assert ("is not encrypted" in said) == warned and said.count("\n") == warned
+    message, warned = capsys.readouterr().err, not address.startswith(("tls://", "tcp://127."))
+    assert ("is not encrypted" in message) == warned and message.count("\n") == warned
 
 
 TLS = """

@@ -1,4 +1,4 @@
-"""What every study keeps to: its files, its figures, and checks that can fail."""
+"""Tests of the common contract of studies: files, figures, and checks that can fail."""
 
 import re
 import sys
@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from experiments.studies import LINES, study
-from experiments.sweep import beside_model
+from experiments.sweep import compare_with_model
 from fjh.study.result import records_of
 from tests.conftest import AT_NIGHT
 from tests.experiments.results import Results
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.long
 
 @pytest.fixture
 def results(request, name) -> Results:
-    """Of the study of this name, by day the short one if there is one."""
+    """Results of the study of this name, of its short version except at night."""
     if name in AT_NIGHT and not request.node.get_closest_marker("night"):
         return Results(request.getfixturevalue("smaller_study")(name), name)
     return Results(request.getfixturevalue(f"{name}_folder"), name)
@@ -33,25 +33,25 @@ WHOLE = [
 
 
 @pytest.mark.parametrize("name", [*LINES, *WHOLE])
-def test_a_study_leaves_what_its_json_lists_tables_twice_and_figures_on_its_page(results, name):
-    """Figures as PNG and as PDF, which has no date: two runs leave the same bytes."""
+def test_a_study_writes_the_files_in_its_json_tables_and_figures(results, name):
+    """Figures are PNG and PDF without date, so that two runs write the same bytes."""
     summary, files = results.summary, {path.name for path in results.folder.iterdir()}
     assert summary["experiment"] == name
     assert {"seed", "versions", "model_sha256", "files"} <= set(summary)
     assert set(summary["files"]) == files
-    named = re.findall(r'"([\w.-]+\.(?:rrd|npz|parquet))"', str(summary).replace("'", '"'))
-    assert {f"{name}.json", f"{name}.md", *named} <= files
+    referenced = re.findall(r'"([\w.-]+\.(?:rrd|npz|parquet))"', str(summary).replace("'", '"'))
+    assert {f"{name}.json", f"{name}.md", *referenced} <= files
     assert all(check["passed"] for check in summary["checks"])
     for file in files:
         table = re.fullmatch(rf"{name}_(\w+)\.parquet", file)
         if table and summary[table[1]]:
-            found = records_of(pd.read_parquet(results.folder / file))
-            stated = [{key: each.get(key) for key in found[0]} for each in summary[table[1]]]
-            assert found == stated, file
+            written = records_of(pd.read_parquet(results.folder / file))
+            stated = [{key: entry.get(key) for key in written[0]} for entry in summary[table[1]]]
+            assert written == stated, file
     page = (results.folder / f"{name}.md").read_text()
-    shown = sorted(results.folder.glob("*.pdf"))
-    assert shown and {path.stem for path in shown} == {p.stem for p in results.folder.glob("*.png")}
-    for path in shown:
+    pdfs = sorted(results.folder.glob("*.pdf"))
+    assert pdfs and {path.stem for path in pdfs} == {p.stem for p in results.folder.glob("*.png")}
+    for path in pdfs:
         assert f"]({path.stem}.png)" in page
         with Image.open(path.with_suffix(".png")) as picture:
             picture.verify()
@@ -64,7 +64,7 @@ CLOSURE, RMS = "closure residual [m]", "RMS error of "
 TUNED = "strict priority over that of clipping"
 HEALTHY_ARM = "mechanism == 'arm' and condition == 'sound'"
 SURE = "struts == 'SSSSSS' and jacobian == 'constant'"
-SPOILT: list[tuple[str, str, str, str, Any, str]] = [
+ALTERED: list[tuple[str, str, str, str, Any, str]] = [
     ("table1", "columns", "name == 'W_d'", "closure_residual_max_m", 7e-8, f"W_d: {CLOSURE}"),
     ("table1", "columns", "name == 'W_d'", "beta_rms_urad", 9.0, f"difference of the {RMS}beta"),
     ("table1", "columns", "name == 'W_a'", "mismatched_alpha_rms_urad", 9.0, "all mismatches"),
@@ -127,11 +127,11 @@ SPOILT: list[tuple[str, str, str, str, Any, str]] = [
     ("recover", "rows", "", "closure_residual_max_m", 2e-8, "near the path"),
     ("recover", "rows", "", "status", "ended", "ended early"),
     ("recover", "beliefs", "", "largest_pole", 1.0, "unstable"),
-    ("recover", "by_mismatch", "", "isolable_right_rate", 0.98, "first named"),
+    ("recover", "by_mismatch", "", "isolable_right_rate", 0.98, "identified first"),
     ("recover", "by_mismatch", "", "isolable_all_right_rate", nan, "kind in the end"),
     ("recover", "by_mismatch", "", "over_informed_after_pooled", 1.2, "RMS after"),
     ("recover", "by_mismatch", "", "named_median_s", 0.301, "until the failed actuator"),
-    ("recover", "healthy", "", "healthy_named_count", 1, "in which an actuator was named"),
+    ("recover", "healthy", "", "healthy_named_count", 1, "an actuator was identified"),
     ("recover", "healthy", "", "commands_changed", 1, "whose commands an alarm changed"),
     ("recover", "healthy", "", "alarms_per_hour_low_95", 0.2, "lower 95 % bound"),
     ("recover", "healthy", "", "hours", 99.0, "upper 95 % bound"),
@@ -147,15 +147,15 @@ SPOILT: list[tuple[str, str, str, str, Any, str]] = [
     ("track", "", "", "prediction_off_after", 0.21, "relative error of the predicted RMS"),
     ("track", "", "", "closure_residual_max_m", 0.002, CLOSURE),
 ]
-"""Study, table (none: the JSON), which of its rows, column, number, what is said (none: once)."""
+"""Study, table (empty: JSON), query of rows, column, number, expected text (empty: one check)."""
 
 
 def failures(
     name: str, summary: dict[str, Any], rows: pd.DataFrame, tables: dict[str, pd.DataFrame]
 ) -> list[str]:
-    """What the checks of a study say of these results, each called with what it asks for."""
+    """Return the failed checks of a study, called with the parameters of its `checks`."""
     module: Any = sys.modules[study(name).__module__]
-    known: dict[str, Any] = {
+    available: dict[str, Any] = {
         **tables,
         **{"tables": tables, "rows": rows, "settings": summary, "found": summary},
         "further": tables.get("further_runs"),
@@ -163,15 +163,15 @@ def failures(
         "from_mjcf": summary.get("J0_from_mjcf_largest_difference"),
     }
     if name in ("atlas", "sweep"):
-        known["beside"] = beside_model(rows)
+        available["rows"] = compare_with_model(rows)
     checks = module.atlas_checks if name == "atlas" else module.checks
-    asked = [key for key in signature(checks).parameters if key != "_"]
-    return [str(check) for check in checks(*map(known.get, asked)) if not check.passed]
+    names = [key for key in signature(checks).parameters if key != "_"]
+    return [str(check) for check in checks(*map(available.get, names)) if not check.passed]
 
 
-@pytest.mark.parametrize(("name", "table", "where", "column", "value", "said"), SPOILT)
-def test_each_check_of_a_study_fails_on_a_spoilt_number(
-    results, name, table, where, column, value, said
+@pytest.mark.parametrize(("name", "table", "where", "column", "value", "expected"), ALTERED)
+def test_each_check_of_a_study_fails_on_an_altered_number(
+    results, name, table, where, column, value, expected
 ):
     summary, tables = dict(results.summary), dict(results.tables)
     rows = results.rows if "dataset" in summary else pd.DataFrame()
@@ -179,12 +179,12 @@ def test_each_check_of_a_study_fails_on_a_spoilt_number(
     if not table:
         summary[column] = value
     else:
-        spoilt = (rows if table == "rows" else tables[table]).copy()
-        chosen = spoilt.eval(where) if where else slice(None)
-        spoilt[column] = spoilt[column].astype(object)
-        spoilt.loc[chosen, column] = value
-        spoilt = spoilt.infer_objects()
-        rows, tables = (spoilt, tables) if table == "rows" else (rows, tables | {table: spoilt})
-    found = failures(name, summary, rows, tables)
-    assert found and all(said in sentence for sentence in found)
-    assert said or len(found) == 1
+        altered = (rows if table == "rows" else tables[table]).copy()
+        chosen = altered.eval(where) if where else slice(None)
+        altered[column] = altered[column].astype(object)
+        altered.loc[chosen, column] = value
+        altered = altered.infer_objects()
+        rows, tables = (altered, tables) if table == "rows" else (rows, tables | {table: altered})
+    failed = failures(name, summary, rows, tables)
+    assert failed and all(expected in sentence for sentence in failed)
+    assert expected or len(failed) == 1

@@ -1,4 +1,4 @@
-"""The sweep and the atlas: runs that are a pure function, rows that are the run."""
+"""Tests of the sweep and the atlas: designs, rows, resuming, and classification."""
 
 import itertools
 import json
@@ -12,7 +12,7 @@ import pytest
 
 from experiments import sweep as sweeps
 from experiments import sweep_design as designs
-from experiments.again import fly_again
+from experiments.again import repeat_run
 from experiments.app.cli import main
 from experiments.study import UNFINISHED, Where
 from experiments.table1 import CONFIGURATIONS
@@ -27,7 +27,7 @@ from fjh.rig.hexapod.testbed import LIMITS, TestbedConfig
 from fjh.study.errors import Interrupted, WrongInput
 from ftc import Goal
 from sim import NOMINAL, Failure, SimulationDiverged
-from tests.experiments.conftest import FLOWN, SHORT_SWEEP
+from tests.experiments.conftest import CONDITIONS, SHORT_SWEEP
 from tests.experiments.results import Results
 
 # The design.
@@ -61,7 +61,7 @@ def test_a_hypercube_has_one_run_in_each_slice_of_each_range():
     assert len(pickle.dumps(runs[0])) < 1000
 
 
-def test_a_grid_is_the_full_product_its_last_factor_the_fastest():
+def test_a_grid_is_the_full_product_with_the_last_factor_fastest():
     factors: dict[str, Any] = {
         "struts": ["SSSSSS", "LSSSSS"],
         "roll_off_hz": {"from": 20.0, "to": 30.0, "log": False, "points": 3},
@@ -76,7 +76,7 @@ def test_a_grid_is_the_full_product_its_last_factor_the_fastest():
 
 
 def test_the_design_of_the_demand_limit_has_the_configuration_of_the_table():
-    """For healthy and locked, corrected and not."""
+    """It occurs for healthy and locked, corrected and not."""
     design = designs.read_design(designs.DEFAULT.with_name("sweep_demand_limit.toml"))
     benches = [run.bench for run in designs.runs_of(design, seed=3)]
     assert len(benches) == design.runs and benches.count(CONFIGURATIONS["demand-limit"]) == 4
@@ -95,7 +95,7 @@ SPREAD = "layout = 'latin-hypercube'\nruns = "
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("layout = 'random'", "layout must be latin-hypercube or grid, got 'random'"),
         ("layout = 'grid'", r"\[vary\] must name at least one"),
@@ -113,10 +113,10 @@ SPREAD = "layout = 'latin-hypercube'\nruns = "
         (f"vary.seed = {'[' * 100_000}", "recursion"),
     ],
 )
-def test_a_design_that_cannot_be_run_is_refused(tmp_path, text, said):
+def test_an_invalid_design_is_rejected(tmp_path, text, message):
     file = tmp_path / "design.toml"
     file.write_text(text if text.startswith("layout") else f"layout = 'grid'\n{text}")
-    with pytest.raises(WrongInput, match=f"^--design {file}: .*{said}"):
+    with pytest.raises(WrongInput, match=f"^--design {file}: .*{message}"):
         designs.read_design(file)
 
 
@@ -126,7 +126,7 @@ def test_a_design_that_cannot_be_run_is_refused(tmp_path, text, said):
 @pytest.mark.long
 @pytest.mark.parametrize("anti_windup", [False, True])
 def test_a_run_with_a_limit_on_the_demand_is_predicted_with_it(anti_windup):
-    """Reached within the first second; without limit, or held otherwise, errors are others."""
+    """The limit is reached; without it, or with other anti-windup, errors differ."""
     values = {"seed": 2, "struts": "LSSSSS", "known": False, "spiral_exponent": 0.5}
     limited = values | {"demand_limit_urad": 20.0, "anti_windup": anti_windup}
     row = sweeps.row_of(designs.sweep_run(0, 1.5, limited))
@@ -140,8 +140,8 @@ def test_a_run_with_a_limit_on_the_demand_is_predicted_with_it(anti_windup):
 
 
 @pytest.mark.long
-def test_a_row_is_what_the_run_and_the_linear_model_say():
-    """With compensators designed anew."""
+def test_a_row_has_the_numbers_of_the_run_and_the_linear_model():
+    """The compensators are designed for other constants."""
     bench = TestbedConfig(detector_noise_m=1e-6)
     values = {"seed": 7, "detector_noise_m": 1e-6, "weight": "W_e", "struts": "SSLSSS"}
     row = sweeps.row_of(designs.sweep_run(3, 0.3, values))
@@ -156,12 +156,12 @@ def test_a_row_is_what_the_run_and_the_linear_model_say():
     assert row["t_x_peak_um"] == 1e6 * abs(secondary(simulated)[:, 1]).max()
     assert row["strut_input_peak_percent_3"] == 0.0
     noise = detector_noise_rad(bench, 7, len(path))
-    found = rig.predict(path, failures=lock, told=False, noise=noise)
-    np.testing.assert_allclose([row[name] for name in sweeps.PREDICTED], 1e6 * found.rms, rtol=1e-9)
+    model = rig.predict(path, failures=lock, told=False, noise=noise)
+    np.testing.assert_allclose([row[name] for name in sweeps.PREDICTED], 1e6 * model.rms, rtol=1e-9)
     assert (row["case"], row["status"], row["message"]) == (3, "exact", None)
 
 
-# Half the struts bear what six did: so fast a loop is not closed on them.
+# Three struts bear the load of six: this loop is too fast for them.
 TOO_FAST = {"alpha_crossover_hz": 10.0, "beta_crossover_hz": 7.7, "roll_off_hz": 60.0}
 
 
@@ -178,7 +178,7 @@ TOO_FAST = {"alpha_crossover_hz": 10.0, "beta_crossover_hz": 7.7, "roll_off_hz":
         (TOO_FAST | {"struts": "LSLSLS"}, "unstable"),
     ],
 )
-def test_a_run_that_ends_badly_is_a_row_with_its_status(values, status):
+def test_an_unsuccessful_run_is_a_row_with_its_status(values, status):
     row = sweeps.row_of(designs.sweep_run(0, 0.05, {"seed": 1, "settling_s": 0.05} | values))
     assert row["status"] == status
     assert (row["message"] is not None) == (row["alpha_rms_urad"] is None) == (status == "refused")
@@ -199,60 +199,62 @@ def test_a_diverging_run_is_a_row(monkeypatch):
 
 @pytest.fixture(scope="module")
 def rows(study):
-    """The runs beside the linear model."""
-    return sweeps.beside_model(study.rows)
+    """Runs compared with the linear model."""
+    return sweeps.compare_with_model(study.rows)
 
 
-def test_the_rows_are_the_runs_in_order_and_fly_again(study, rows):
-    drawn = pd.DataFrame(
+def test_the_rows_are_the_runs_in_order_and_repeatable(study, rows):
+    sampled = pd.DataFrame(
         [run.parameters() for run in designs.runs_of(designs.read_design(SHORT_SWEEP), 0)]
     )
-    names = [name for name in drawn if drawn[name].notna().all()]
-    pd.testing.assert_frame_equal(rows[names], drawn[names], check_dtype=False)
-    _, beside = fly_again(study.folder, 29)
-    assert beside.same.all() and len(beside) > 20
+    names = [name for name in sampled if sampled[name].notna().all()]
+    pd.testing.assert_frame_equal(rows[names], sampled[names], check_dtype=False)
+    _, comparison = repeat_run(study.folder, 29)
+    assert comparison.same.all() and len(comparison) > 20
     summary = json.loads(json.dumps(study.summary))
     summary["basis"]["design"]["runs"] = designs.MOST_RUNS + 1
     with pytest.raises(WrongInput, match="at most 200000 runs"):
-        sweeps.again(summary)
+        sweeps.repeatable_runs(summary)
 
 
 def test_the_tables_are_those_of_the_rows(study, rows):
     summary = study.summary
     assert summary["status"] == [{"status": "exact", "runs": 30}]
-    told = rows[(rows.struts != "SSSSSS") & rows.known]
+    reported = rows[(rows.struts != "SSSSSS") & rows.known]
     [group] = [one for one in summary["groups"] if one["failures"] == 1 and one["told"]]
-    assert group["runs"] == len(told)
-    assert group["alpha_median_urad"] == pytest.approx(np.median(told.alpha_rms_urad), rel=1e-12)
-    found = summary["prediction"][0]
-    assert found["compared"] == rows.predicted_alpha_rms_urad.notna().sum() < 30
-    assert [each["name"] for each in summary["influence"]] == ["roll_off_hz"]
+    assert group["runs"] == len(reported)
+    assert group["alpha_median_urad"] == pytest.approx(
+        np.median(reported.alpha_rms_urad), rel=1e-12
+    )
+    prediction = summary["prediction"][0]
+    assert prediction["compared"] == rows.predicted_alpha_rms_urad.notna().sum() < 30
+    assert [entry["name"] for entry in summary["influence"]] == ["roll_off_hz"]
 
 
-def test_an_interrupted_sweep_goes_on_to_the_same_bytes(sweep_folder, scheduler, tmp_path, capsys):
-    """On a Dask cluster, as in processes."""
+def test_a_resumed_sweep_has_the_same_bytes(sweep_folder, scheduler, tmp_path, capsys):
+    """It is continued on a Dask cluster."""
 
     def interrupt(done: int, total: int) -> None:
         if done == 9:
             raise KeyboardInterrupt
 
     where = Where(scheduler=scheduler)
-    with pytest.raises(Interrupted, match="9 of 30 runs are kept"):
+    with pytest.raises(Interrupted, match="9 of 30 runs are saved"):
         sweeps.sweep(design=SHORT_SWEEP, where=where, folder=tmp_path, on_progress=interrupt)
-    words = ["sweep", "--design", str(SHORT_SWEEP), "--out", str(tmp_path), "--quiet"]
-    assert main(words) == 2
-    assert main([*words, "--resume", "--seed", "5"]) == 2
+    arguments = ["sweep", "--design", str(SHORT_SWEEP), "--out", str(tmp_path), "--quiet"]
+    assert main(arguments) == 2
+    assert main([*arguments, "--resume", "--seed", "5"]) == 2
     assert "--resume" in capsys.readouterr().err
-    assert main([*words, "--resume", "--scheduler", scheduler]) == 0
+    assert main([*arguments, "--resume", "--scheduler", scheduler]) == 0
     assert not (tmp_path / UNFINISHED).exists()
-    assert main([*words, "--resume"]) == 0
+    assert main([*arguments, "--resume"]) == 0
     for file in ("sweep.parquet", "sweep.json"):
         assert (sweep_folder / file).read_bytes() == (tmp_path / file).read_bytes()
 
 
 @pytest.mark.parametrize("column", [sweeps.PREDICTED[0], sweeps.INPUT_PEAK[3]])
 def test_unpredicted_or_saturated_runs_are_not_compared(rows, column):
-    none = sweeps.beside_model(
+    none = sweeps.compare_with_model(
         rows.assign(**{column: np.nan if column in sweeps.PREDICTED else 100.0})
     )
     assert not none.compared.any() and sweeps.prediction(none).compared[0] == 0
@@ -264,36 +266,36 @@ def test_unpredicted_or_saturated_runs_are_not_compared(rows, column):
 
 @pytest.fixture(scope="module")
 def atlas(atlas_folder):
-    """Its runs beside the linear model."""
-    return sweeps.beside_model(Results(atlas_folder, "atlas").rows)
+    """Runs of the atlas compared with the linear model."""
+    return sweeps.compare_with_model(Results(atlas_folder, "atlas").rows)
 
 
-def test_the_representatives_are_one_of_each_set_that_symmetry_makes(model):
-    """By the machine's own nodes; Burnside: conditions left as they are, over the moves."""
+def test_there_is_one_representative_of_each_symmetry_class(model):
+    """Symmetries are those of the nodes; the number of classes is by Burnside's lemma."""
     machine = hexapod(model)
     ends = np.stack([machine.bottom_m, machine.top_m])
     third = 2 * np.pi / 3
-    found = []
+    moves = []
     for turn, flip in itertools.product(range(3), (1, -1)):
         c, s = np.cos(turn * third), np.sin(turn * third)
         moved = ends @ (np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.diag([flip, 1, 1])).T
         gaps = np.linalg.norm(moved[:, :, None] - ends[:, None], axis=-1).max(axis=0)
         assert gaps.min(axis=1).max() < 1e-9
-        found.append(gaps.argmin(axis=1).tolist())
+        moves.append(gaps.argmin(axis=1).tolist())
     every = every_condition(6)
-    left_alone = sum("".join(c[k] for k in move) == c for move in found for c in every)
+    left_alone = sum("".join(c[k] for k in move) == c for move in moves for c in every)
     chosen = sweeps.representatives()
     assert len(chosen) == left_alone / 6 == 138
-    reached = {"".join(c[k] for k in move) for move in found for c in chosen}
+    reached = {"".join(c[k] for k in move) for move in moves for c in chosen}
     assert reached == set(every)
     for struts in ("FSSSSS", "SLFSSL", "SFFSLF"):
-        alike = sweeps.classified().loc[["".join(struts[k] for k in move) for move in found]]
-        assert (alike.drop(columns=[c for c in alike if "gain" in c]).nunique() == 1).all()
+        equal = sweeps.classified().loc[["".join(struts[k] for k in move) for move in moves]]
+        assert (equal.drop(columns=[c for c in equal if "gain" in c]).nunique() == 1).all()
 
 
-def test_what_the_library_calls_possible_points_and_nothing_else_does(atlas):
-    """In the physics: as well as the healthy machine, or as badly as one that cannot move."""
-    assert len(atlas) == 2 * len(FLOWN)
+def test_only_conditions_classified_as_possible_point(atlas):
+    """Simulated errors are those of the healthy machine, or of one that cannot move."""
+    assert len(atlas) == 2 * len(CONDITIONS)
     healthy = atlas.set_index(["struts", "jacobian"]).loc[("SSSSSS", "constant"), sweeps.RMS]
     worse = (atlas[sweeps.RMS] / healthy.to_numpy(float)).max(axis=1)
     assert ((atlas.status == "exact") == atlas.elastic_possible).all()
@@ -304,14 +306,14 @@ def test_what_the_library_calls_possible_points_and_nothing_else_does(atlas):
 
 
 def test_the_only_disagreement_is_at_a_singularity_of_the_nominal_pose(model, atlas):
-    """Beside it the lost direction is within reach, at a price: by the machine's own geometry."""
-    found = sweeps.disagreements(atlas)
-    assert found.explained.all()
-    assert set(zip(found.struts, found.jacobian, strict=True)) == {("SFFSLF", "analytic")}
+    """Near it the lost direction can be moved with a large gain."""
+    off_rows = sweeps.disagreements(atlas)
+    assert off_rows.explained.all()
+    assert set(zip(off_rows.struts, off_rows.jacobian, strict=True)) == {("SFFSLF", "analytic")}
     by = atlas.set_index(["struts", "jacobian"])
-    there, beside = by.loc["SFFSLF", "constant"], by.loc["SFFSLF", "analytic"]
-    assert there[sweeps.RMS[0]] == pytest.approx(there[sweeps.PREDICTED[0]], rel=0.05)
-    assert beside[sweeps.RMS[0]] > 10 * there[sweeps.RMS[0]]
+    constant, analytic = by.loc["SFFSLF", "constant"], by.loc["SFFSLF", "analytic"]
+    assert constant[sweeps.RMS[0]] == pytest.approx(constant[sweeps.PREDICTED[0]], rel=0.05)
+    assert analytic[sweeps.RMS[0]] > 10 * constant[sweeps.RMS[0]]
     goal = Goal(joint_weight=(1.0,) * 6, locked_at={4: 0.0}, free=(1, 2, 5))
     machine = hexapod(model)
     mapping = StrutMapping(machine, goal, "analytic", strut_and_payload_stiffness(model))

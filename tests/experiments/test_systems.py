@@ -1,4 +1,4 @@
-"""The paper's other systems: each file moves as it says, and as it is classified."""
+"""Tests of the study `systems`: mobility of the models, and classification in simulation."""
 
 from functools import cache
 
@@ -21,7 +21,7 @@ def model_of(name: str) -> mujoco.MjModel:
 
 @cache
 def nominal(name: str) -> tuple[Jacobians, np.ndarray]:
-    """Jacobians at the nominal pose, and an orthonormal basis of its closed motions."""
+    """Return Jacobians at the nominal pose, and an orthonormal basis of its closed motions."""
     model = model_of(name)
     jac = jacobians(model, mujoco.MjData(model), "payload", "base")
     return jac, scipy.linalg.null_space(jac.J_C) if len(jac.J_C) else np.eye(model.nv)
@@ -32,7 +32,7 @@ def nominal(name: str) -> tuple[Jacobians, np.ndarray]:
 
 @pytest.mark.parametrize("name", FREEDOMS)
 def test_a_mechanism_is_closed_at_its_nominal_pose_and_has_its_freedoms(name):
-    """Freedoms are velocities less the rank of the closures; the motors rule them all."""
+    """Freedoms are velocities minus the rank of the closures; the motors control all of them."""
     model, data, task = model_of(name), mujoco.MjData(model_of(name)), BY_NAME[name].task
     mujoco.mj_forward(model, data)
     assert np.abs(data.efc_pos).max(initial=0.0) < 1e-12
@@ -42,9 +42,9 @@ def test_a_mechanism_is_closed_at_its_nominal_pose_and_has_its_freedoms(name):
     jac, motions = nominal(name)
     assert {len(condition) for condition in BY_NAME[name].conditions} == {len(jac.active)}
     assert motions.shape[1] == np.linalg.matrix_rank(motions[jac.active]) == FREEDOMS[name]
-    reach = jac.J_T @ motions
-    assert np.linalg.matrix_rank(reach) == len(task)
-    np.testing.assert_allclose(np.delete(reach, task, axis=0), 0.0, atol=1e-15)
+    task_motions = jac.J_T @ motions
+    assert np.linalg.matrix_rank(task_motions) == len(task)
+    np.testing.assert_allclose(np.delete(task_motions, task, axis=0), 0.0, atol=1e-15)
 
 
 # The study.
@@ -55,24 +55,24 @@ def entries(study):
     return study.tables["systems"].set_index(["mechanism", "condition"])
 
 
-def test_what_moves_in_the_simulation_is_what_the_classification_says(entries):
-    """What the study checks of every condition, ten to a hundred times as sharply."""
+def test_the_simulated_motions_are_those_of_the_classification(entries):
+    """Limits are ten to a hundred times tighter than in the study's checks."""
     assert len(entries) == sum(len(mechanism.conditions) for mechanism in systems.MECHANISMS)
-    # Internal force too: what the closures bear is what eq. (11) says of force and torques.
+    # Internal forces, too: closure forces are those of eq. (11).
     assert entries[["drift_error", "torque_error", "closure_error"]].max(axis=None) < 1e-4
     assert entries.yielded_steps.max() < 1e-4
-    # Far from any rank threshold: these verdicts are no accident.
+    # Far from any rank threshold.
     assert entries.smallest_gap.min() > 1e4
 
 
 @pytest.mark.parametrize(
     ("where", "unstable", "major", "constrained"),
     [
-        (("arm", "4 free"), True, True, 0),  # a limp elbow swings the camera
-        (("arm", "7 free"), True, False, 0),  # a limp wrist roll turns it about its own axis
+        (("arm", "4 free"), True, True, 0),  # a free elbow swings the camera
+        (("arm", "7 free"), True, False, 0),  # a free wrist roll turns it about its own axis
         (("hand", "sound"), False, False, 1),  # four motors, three freedoms: they can squeeze
         (("hand", "1 free"), False, False, 0),  # three motors still hold the object
-        (("hand", "1 and 2 free"), True, True, 0),  # a limp finger lets it swing about the other
+        (("hand", "1 and 2 free"), True, True, 0),  # with a free finger it swings about the other
         (("arms", "sound"), False, False, 6),  # twelve motors, six freedoms
         # One arm carries both the load and the other.
         (("arms", "1, 2, 3, 4, 5 and 6 free"), False, False, 0),
@@ -80,16 +80,16 @@ def test_what_moves_in_the_simulation_is_what_the_classification_says(entries):
         (("platform", "1 and 2 free"), True, True, 0),
     ],
 )
-def test_each_mechanism_is_classified_as_a_mechanic_would(
+def test_each_mechanism_has_the_expected_classification(
     entries, where, unstable, major, constrained
 ):
-    one = entries.loc[where]
-    assert (one["unstable"], one["unstable_major"]) == (unstable, major)
-    assert one["constrained_active"] == one["simulated_constrained_active"] == constrained
+    entry = entries.loc[where]
+    assert (entry["unstable"], entry["unstable_major"]) == (unstable, major)
+    assert entry["constrained_active"] == entry["simulated_constrained_active"] == constrained
 
 
 def test_in_a_hand_dropping_the_column_of_a_locked_finger_joint_is_wrong():
-    """The warning that closes section 2.3.2, in the simulation: the rest is constrained too."""
+    """As section 2.3.2 warns, the other joints are constrained, too."""
     mechanism = BY_NAME["hand"]
     _, healthy = systems.classified(model_of("hand"), mechanism, "SSSS")
     _, locked = systems.classified(model_of("hand"), mechanism, "LSSS")

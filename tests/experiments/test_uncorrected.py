@@ -1,4 +1,4 @@
-"""Table I's last column: the physics of each candidate explanation, and the study as a whole."""
+"""Tests of the study `uncorrected`: physics of the candidates, and their evaluation."""
 
 import copy
 
@@ -20,26 +20,26 @@ from sim import NOMINAL, Failure, Plant, linearize
 from tests.sim.machines import pole_of, ring_down
 
 
-def test_who_has_the_columns_of_the_paper_explains_them(study):
-    """What fits only with settled loops is said not to."""
+def test_a_candidate_with_the_columns_of_the_paper_explains_them(study):
+    """Candidates that fit only with settled loops do not explain them."""
     candidates, runs = study.tables["candidates"], study.tables["runs"]
-    assert not uncorrected.judged(candidates, runs).explains.any()
+    assert not uncorrected.evaluated(candidates, runs).explains.any()
     paper = runs.set_index(["candidate", "column"])
     for column in ("W_a", "W_d", "W_e", "W_a_uncorrected"):
         for angle, urad in zip(("alpha", "beta"), TABLE_I_URAD[column], strict=True):
             paper.loc[("off_centre", column), f"{angle}_rms_urad"] = urad
             paper.loc[("off_centre", column), f"{angle}_settled_urad"] = urad
-    found = uncorrected.judged(candidates, paper.reset_index())
-    assert found.name[found.explains].tolist() == ["off_centre"]
+    table = uncorrected.evaluated(candidates, paper.reset_index())
+    assert table.name[table.explains].tolist() == ["off_centre"]
     paper.loc[("off_centre", "W_d"), "alpha_rms_urad"] *= 2
-    found = uncorrected.judged(candidates, paper.reset_index())
-    settled = found.set_index("name").loc["off_centre"]
+    table = uncorrected.evaluated(candidates, paper.reset_index())
+    settled = table.set_index("name").loc["off_centre"]
     assert settled.meets_ratios and settled.meets_w_a and settled.explains_if_corrected_settled
     assert not settled.meets_corrected and not settled.explains
 
 
 def test_a_steady_acceleration_of_the_floor_is_a_sag(model):
-    """As much as a push of -m a at the centre of mass; the struts add a part of their own mass."""
+    """It equals a force -m a at the centre of mass, plus a part of the struts' mass."""
     acceleration = np.array([0.02, -0.01, 0.03])
     plant = Plant(model)
     plant.shake(acceleration)
@@ -73,8 +73,8 @@ def test_the_floor_meets_its_criterion_in_every_third_octave_band():
 
 
 @pytest.mark.long
-def test_a_lock_off_centre_holds_where_the_coil_had_put_the_strut(model):
-    """Pointing starts at J[:, 0] l, and the other struts at their centre."""
+def test_a_lock_off_centre_keeps_the_position_set_by_the_coil(model):
+    """The initial pointing is J[:, 0] l, with the other struts at their centre."""
     place_m, path = 80e-6, TestbedConfig().spiral_rad(1.5)
     rig = hexapod_rig(start_m=place_m * np.eye(6)[0])
     run, settled = (
@@ -91,8 +91,8 @@ def test_a_lock_off_centre_holds_where_the_coil_had_put_the_strut(model):
 
 
 @pytest.mark.long
-def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
-    """Ring-down of the pointing mode in MuJoCo at the least damping simulated."""
+def test_damping_is_the_requested_one_and_the_integrator_adds_none(model):
+    """The reference is the ring-down of the pointing mode at the least damping simulated."""
     least = 0.005
     quiet = uncorrected.damped(model, least)
     frequency_hz, ratio = uncorrected.pointing_mode(quiet)
@@ -114,7 +114,7 @@ def test_damping_is_that_asked_for_and_the_integrator_adds_none(model):
 
 
 def test_the_strokes_of_the_page_are_those_of_the_mappings(model):
-    """Outermost turn, of the strut that moves most: W_a, without correction, W_e and W_d."""
+    """Peaks are those of the outermost turn: W_a, without correction, W_e and W_d."""
     J = np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))[:2]
     W_a = np.linalg.pinv(J)
     gains = [W_a, W_a @ np.linalg.inv(J[:, 1:] @ W_a[1:])]
@@ -126,7 +126,7 @@ def test_the_strokes_of_the_page_are_those_of_the_mappings(model):
 
 
 @pytest.mark.long
-def test_a_row_of_the_map_is_what_the_prediction_says(model):
+def test_a_row_of_the_map_equals_the_prediction(model):
     bench, lost = uncorrected.at_crossover(6.0, 25.0), uncorrected.Candidate("lost_strut", {})
     quiet = uncorrected.damped(model, 0.05)
     testbed = Testbed(quiet, bench, uncorrected.nominal_loops(quiet, bench))
@@ -134,11 +134,11 @@ def test_a_row_of_the_map_is_what_the_prediction_says(model):
     for k, column in enumerate(("W_a", "W_a_uncorrected")):
         rig = lost.rig(testbed, column, 0, bench.duration_s)
         expected = uncorrected.predicted_error_rad(
-            rig, column, 0, bench.duration_s, lost.of("lead_in_s")
+            rig, column, 0, bench.duration_s, lost.constant("lead_in_s")
         )
         assert expected is not None
         np.testing.assert_allclose(errors[0, k], rms(expected), rtol=1e-3)
-    # At 30 Hz the sound loop is not to be closed.
+    # At 30 Hz the healthy loop is unstable.
     assert np.isinf(errors[1]).all()
     assert np.isinf(poles[1]).all()
     assert np.all(poles[0] < 1)

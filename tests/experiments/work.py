@@ -1,4 +1,4 @@
-"""Runs that cost nothing, for the processes that tests start: light, as each imports it."""
+"""Runs without computation, for the processes that tests start; each imports this module."""
 
 import os
 import signal
@@ -9,18 +9,18 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """A run."""
+class Run:
+    """Parameters of a run."""
 
     number: int
     seed: int = 0
 
 
-TEN = [Drawn(number) for number in range(10)]
+TEN = [Run(number) for number in range(10)]
 
 
-def row(run: Drawn) -> dict[str, Any]:
-    """Numbers that are hard to write, and cells that are missing."""
+def row(run: Run) -> dict[str, Any]:
+    """Return numbers that are hard to write, and missing cells."""
     rng = np.random.default_rng([run.seed, run.number])
     return {
         "case": run.number,
@@ -33,14 +33,14 @@ def row(run: Drawn) -> dict[str, Any]:
     }
 
 
-def failing(run: Drawn) -> dict[str, Any]:
+def failing(run: Run) -> dict[str, Any]:
     if run.number == 6:
         raise ValueError("no such\n number")
     return row(run)
 
 
 def square(number: int) -> tuple[int, set[int]]:
-    """And on how many threads it was computed."""
+    """Return the square and the numbers of threads of all libraries."""
     from threadpoolctl import threadpool_info
 
     return number**2, {library["num_threads"] for library in threadpool_info()}
@@ -54,7 +54,7 @@ def unprintable() -> object:
     return lambda: None
 
 
-def fall() -> None:
+def kill_itself() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 

@@ -100,7 +100,7 @@ def test_a_check_that_fails_and_did_not_is_exit_code_one(capsys):
     check = {"what": "gap [m]", "where": "W_b", "value": 1e-9, "limit": 1e-8, "passed": True}
     compared({"checks": [check]}, {"checks": [check | {"value": 1e-6, "passed": False}]})
     assert main(["results", "b.json", "--against", "a.json"]) == 1
-    assert "1 checks fail that did not: gap [m]" in capsys.readouterr().err
+    assert "1 checks fail that passed before: gap [m]" in capsys.readouterr().err
     assert main(["results", "b.json", "--against", "b.json"]) == 0
 
 

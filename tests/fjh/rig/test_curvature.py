@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy.optimize import minimize
 
-from experiments.jacobian import GROWN, VARIANTS, checks
+from experiments.jacobian import SCALED_COLUMN, VARIANTS, checks
 from fjh.rig.hexapod.closed_form import hexapod
 from fjh.rig.hexapod.columns import COLUMNS
 from fjh.rig.hexapod.controller import StrutMapping
@@ -42,13 +42,13 @@ def circle(radius_rad: float, turns: int = 1) -> np.ndarray:
     return np.vstack([out, around, out[::-1]])
 
 
-def variant(name: str, goal: Goal = GOALS[GROWN]) -> StrutMapping:
+def variant(name: str, goal: Goal = GOALS[SCALED_COLUMN]) -> StrutMapping:
     jacobian, form = VARIANTS[name]
     return StrutMapping(machine(), goal, jacobian, form=form)
 
 
-def off(name: str, path: np.ndarray, goal: Goal = GOALS[GROWN]) -> float:
-    """Return the distance from the optimum in percent, by geometry alone."""
+def off(name: str, path: np.ndarray, goal: Goal = GOALS[SCALED_COLUMN]) -> float:
+    """Distance from the optimum in percent, on the geometry alone."""
     return extra_percent(machine(), goal, follow(variant(name, goal), path))
 
 

@@ -1,4 +1,4 @@
-"""What stops a command, as one sentence and an exit code: the only place that tells them apart."""
+"""Message and exit code of a command that an error ends."""
 
 import inspect
 import os
@@ -13,22 +13,22 @@ from fjh.study.interrupts import INTERRUPTION, interrupted
 
 UNSOUND, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 TRACEBACK = "FJH_TRACEBACK"
-"""An environment variable: where it is set, a mistake of the program keeps its traceback."""
+"""Name of the environment variable with which an unexpected error keeps its traceback."""
 
-_BESIDE = ("argument_checks", "experiments", "ftc", "prioritized", "sim")
-_OURS = [
+_SIBLINGS = ("argument_checks", "experiments", "ftc", "prioritized", "sim")
+_FOLDERS = [
     Path(inspect.getfile(WrongInput)).parents[1],
-    *(Path(__file__).parents[2] / room for room in _BESIDE),
+    *(Path(__file__).parents[2] / folder for folder in _SIBLINGS),
 ]
 _FRAME = re.compile(r'File "(.+)", line (\d+), in .+\n +(\S.*)')
-"""In a traceback, wherever it is from: that of a worker comes as text."""
+"""Pattern of a frame in the text of a traceback."""
 
 
-def ending_of(error: Exception) -> tuple[str, int]:
-    """What a command says of an error, and its exit code; an error in cleaning up is no other.
+def exit_message(error: Exception) -> tuple[str, int]:
+    """Return the message and the exit code for an error; after an interruption always that one.
 
     Raises:
-        Exception: A mistake of the program, where :data:`TRACEBACK` is set.
+        Exception: The error itself, if it is unexpected and :data:`TRACEBACK` is set.
     """
     if isinstance(error, Interrupted):
         return str(error), interrupted() or INTERRUPTED
@@ -40,20 +40,20 @@ def ending_of(error: Exception) -> tuple[str, int]:
         return str(error), WRONG_INPUT
     if isinstance(error, Unsound):
         return str(error), UNSOUND
-    said, (file, line, code) = " ".join(str(error).split()), _origin(error)
-    if isinstance(error, ValueError | TypeError) and code.startswith("raise") and _is_ours(file):
-        return said, WRONG_INPUT  # a check of the library, which names what it checks
+    text, (file, line, code) = " ".join(str(error).split()), _origin(error)
+    if isinstance(error, ValueError | TypeError) and code.startswith("raise") and _is_library(file):
+        return text, WRONG_INPUT  # an argument check of the library, whose message names it
     if os.environ.get(TRACEBACK):
         raise error
     return (
-        f"this is a mistake of the program, please report it: {type(error).__name__} in "
-        f"{file.name}, line {line}: {said}; {TRACEBACK}=1 shows all of it"
+        f"this is a bug of the program, please report it: {type(error).__name__} in "
+        f"{file.name}, line {line}: {text}; {TRACEBACK}=1 shows the traceback"
     ), UNSOUND
 
 
 def _origin(error: Exception) -> tuple[Path, str, str]:
-    """File, line and statement that raised an error, here or in a worker."""
-    # That of a worker comes as the text of a cause.
+    """Return the file, line and statement that raised an error, in this process or a worker."""
+    # The traceback of a worker is the text of the error's cause.
     worker = str(error.__cause__ or "")
     text = worker + "".join(traceback.format_tb(error.__traceback__)) * ("Traceback" not in worker)
     frames = _FRAME.findall(text) or [("nowhere", "0", "")]
@@ -61,5 +61,5 @@ def _origin(error: Exception) -> tuple[Path, str, str]:
     return Path(file), line, code
 
 
-def _is_ours(file: Path) -> bool:
-    return any(room in file.parents for room in _OURS)
+def _is_library(file: Path) -> bool:
+    return any(folder in file.parents for folder in _FOLDERS)

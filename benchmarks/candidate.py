@@ -1,0 +1,49 @@
+"""Candidates for one question: checked to agree, then timed."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sim import Array
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Computation to be timed.
+
+    Attributes:
+        call: Function that is timed, without overhead.
+        arguments: Makes the arguments of all calls of a round, outside the timed part; new in each
+            round, so that results cached in an earlier round are of no use.
+        units: Number of control ticks or mappings in one round.
+        rounds: Number of timed rounds in a turn; with 1 there is no warm-up round.
+    """
+
+    call: Callable[..., Any]
+    arguments: Callable[[], Sequence[tuple[Any, ...]]]
+    units: int
+    rounds: int = 10
+
+
+def check_agreement(solutions: Mapping[str, Array], tolerance: float) -> None:
+    """Check that all candidates find the same solutions as the first one, the reference.
+
+    Args:
+        solutions: Solutions of the same N problems by each candidate, (N, n).
+        tolerance: Largest distance from the reference, as a fraction of its largest entry.
+
+    Raises:
+        ValueError: A candidate is further away, or has NaN; the message names it.
+    """
+    reference, *_ = solutions.values()
+    size = np.abs(reference).max(axis=-1)
+    distances = {
+        name: float((np.abs(rates - reference).max(axis=-1) / size).max())
+        for name, rates in solutions.items()
+    }
+    far = {name: distance for name, distance in distances.items() if not distance <= tolerance}
+    if far:
+        text = ", ".join(f"{name} by {distance:.1e}" for name, distance in far.items())
+        raise ValueError(f"solutions differ by more than {tolerance:.0e}: {text}")
