@@ -73,7 +73,7 @@ class Condition:
     strut: int = 0
 
     def __str__(self) -> str:
-        return "sound" if self.kind is None else f"strut {self.strut + 1} {self.kind}"
+        return "healthy" if self.kind is None else f"strut {self.strut + 1} {self.kind}"
 
     @property
     def failures(self) -> tuple[Failure, ...]:

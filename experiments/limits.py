@@ -189,7 +189,7 @@ class Condition:
     @property
     def name(self) -> str:
         """Name in `limits.json`."""
-        return f"{'stuck' if self.stuck else 'sound'}{'_heave' if self.heave else ''}"
+        return f"{'stuck' if self.stuck else 'healthy'}{'_heave' if self.heave else ''}"
 
     @property
     def locked_at(self) -> dict[int, float]:
@@ -601,8 +601,8 @@ ALT = (
     "and a weight that is too small many times the error."
 )
 LOOKS = {
-    "sound": {"color": BLUE, "marker": "o"},
-    "sound_heave": {"color": BLUE, "marker": "+"},
+    "healthy": {"color": BLUE, "marker": "o"},
+    "healthy_heave": {"color": BLUE, "marker": "+"},
     "stuck": {"color": VERMILION, "marker": "s"},
     "stuck_heave": {"color": VERMILION, "marker": "x"},
     "arm": {"color": GREEN, "marker": "D"},

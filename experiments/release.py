@@ -77,7 +77,7 @@ class Case:
 def cases(half_s: float) -> list[Case]:
     """Return all spirals: healthy; strut 1 failed at the start or at `half_s`, all corrections."""
     times_s = {"from_start": 0.0, "in_flight": half_s}
-    return [Case("sound")] + [
+    return [Case("healthy")] + [
         Case(f"{kind}_{when}_{correction}", kind, time_s, correction, goal)
         for kind, (when, time_s) in product(GOALS, times_s.items())
         for correction, goal in GOALS[kind].items()

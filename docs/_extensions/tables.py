@@ -155,7 +155,7 @@ STRATEGIES = {
 def limits() -> str:
     """RMS errors of strategies whose actuators reach their limits."""
     spirals = {each["name"]: each["rms_urad"] for each in study("limits")["spirals"]}
-    conditions = {"sound": "no failure", "stuck": "strut 1 stuck"}
+    conditions = {"healthy": "no failure", "stuck": "strut 1 stuck"}
     rows = [
         [label, *(f"{spirals[f'{condition}_{name}']:.0f}" for condition in conditions)]
         for name, label in STRATEGIES.items()

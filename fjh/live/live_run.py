@@ -14,7 +14,7 @@ from ftc import LoopRun, SupervisorState, one_tick
 from ftc.fdi import LEARNING_S
 from sim import Array, Failure, Pose
 
-Kind = Literal["sound", "locked", "free", "weak"]
+Kind = Literal["healthy", "locked", "free", "weak"]
 
 
 class LiveRun:

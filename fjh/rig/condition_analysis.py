@@ -140,7 +140,7 @@ class ConditionAnalysis:
     def classification(self, row: int) -> str:
         """Return the class of the major task in a condition: :func:`classify`, or one of two more.
 
-        "no room": the limits leave no speed in some major direction; "nearly lost": less than
+        "no margin": the limits leave no speed in some major direction; "nearly lost": less than
         `LEAST_LEFT` remains.
         """
         if self.classes.possible[row] and not self.survived[row]:
@@ -154,7 +154,7 @@ class ConditionAnalysis:
         )
 
 
-NO_MARGIN, NEARLY_LOST = "no room", "nearly lost"
+NO_MARGIN, NEARLY_LOST = "no margin", "nearly lost"
 _REASONS = {
     "drifts": "it moves although every actuator is stationary",
     NO_MARGIN: "the limits leave no margin in some major direction",

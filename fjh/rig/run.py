@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fjh.rig.rig import Rig
 
 
-HEALTHY: Final = "sound"
+HEALTHY: Final = "healthy"
 """State of an actuator that works, or for which no failure is diagnosed."""
 
 

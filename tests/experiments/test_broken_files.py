@@ -53,7 +53,7 @@ READERS: dict[str, tuple[str, str, dict[str, Spoil]]] = {
 @pytest.fixture(scope="module")
 def valid(tmp_path_factory) -> Path:
     """Folder with a valid file for each reader."""
-    folder = tmp_path_factory.mktemp("sound")
+    folder = tmp_path_factory.mktemp("healthy")
     keep_made(folder)
     np.savez(folder / "it.npz", time_s=np.arange(3.0), desired=np.zeros((3, 2)))
     return folder

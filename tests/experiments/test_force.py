@@ -62,13 +62,13 @@ def test_strut_forces_balance_the_external_wrench_with_and_without_coils(lines):
 
 def test_simulated_forces_equal_those_of_the_mapping(tables):
     theorems = tables["theorems"]
-    assert list(theorems.kind.fillna("sound").unique()) == ["sound", "locked", "free", "loose"]
+    assert list(theorems.kind.fillna("healthy").unique()) == ["healthy", "locked", "free", "loose"]
     assert list(theorems.theorem) == 4 * [7, 8, 9]
     assert theorems.pressed_off_percent.max() < 0.02
     assert theorems.held_off_percent.max() < 0.002
     assert theorems.moved_percent.max() < 0.005
     assert theorems[theorems.kind != "locked"].pressed_major_off_percent.max() < 0.005
-    loads = tables["prescribed"].set_index("condition").loc[["sound", "strut 1 locked"]]
+    loads = tables["prescribed"].set_index("condition").loc[["healthy", "strut 1 locked"]]
     missing = loads[["lacking_force_n", "lacking_major_n_m"]]
     np.testing.assert_allclose(missing, 0, atol=1e-12)  # then it exerts a whole wrench
 

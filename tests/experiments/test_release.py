@@ -71,14 +71,14 @@ def test_a_free_strut_with_spring_has_the_errors_of_a_locked_one(spirals, table1
         assert spirals["free_from_start_uncorrected"][key] == pytest.approx(locked[key], rel=0.005)
         for when in ("from_start", "in_flight"):
             corrected = spirals[f"free_{when}_corrected"][key]
-            assert corrected == pytest.approx(spirals["sound"][key], rel=0.005)
+            assert corrected == pytest.approx(spirals["healthy"][key], rel=0.005)
             peak = f"{angle}_peak_urad"
-            assert spirals[f"free_{when}_corrected"][peak] < 1.05 * spirals["sound"][peak]
+            assert spirals[f"free_{when}_corrected"][peak] < 1.05 * spirals["healthy"][peak]
 
 
 def test_without_spring_the_loop_needs_the_mapping_for_its_bandwidth(spirals):
     """At crossover the damper fixes a loose strut: static mapping nearly destabilizes the loop."""
-    healthy, corrected = spirals["sound"], spirals["loose_in_flight_corrected"]
+    healthy, corrected = spirals["healthy"], spirals["loose_in_flight_corrected"]
     as_locked = spirals["loose_in_flight_as_locked"]
     assert healthy["sensitivity_peak"] < 2.0
     assert corrected["sensitivity_peak"] > 5.0

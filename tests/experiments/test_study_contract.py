@@ -62,14 +62,14 @@ def test_a_study_writes_the_files_in_its_json_tables_and_figures(results, name):
 
 CLOSURE, RMS = "closure residual [m]", "RMS error of "
 TUNED = "strict priority over that of clipping"
-HEALTHY_ARM = "mechanism == 'arm' and condition == 'sound'"
+HEALTHY_ARM = "mechanism == 'arm' and condition == 'healthy'"
 SURE = "struts == 'SSSSSS' and jacobian == 'constant'"
 ALTERED: list[tuple[str, str, str, str, Any, str]] = [
     ("table1", "columns", "name == 'W_d'", "closure_residual_max_m", 7e-8, f"W_d: {CLOSURE}"),
     ("table1", "columns", "name == 'W_d'", "beta_rms_urad", 9.0, f"difference of the {RMS}beta"),
     ("table1", "columns", "name == 'W_a'", "mismatched_alpha_rms_urad", 9.0, "all mismatches"),
     *(
-        ("systems", "systems", HEALTHY_ARM, column, value, "arm, sound: ")
+        ("systems", "systems", HEALTHY_ARM, column, value, "arm, healthy: ")
         for column, value in {
             **{"agrees": False, "motion_error": 0.02, "drift_error": 0.02, "torque_error": 0.02},
             **{"closure_error": 0.02, "yielded_steps": 0.02, "major_error": 0.02},

@@ -337,7 +337,7 @@ def test_a_confirmed_failure_is_modelled_from_its_onset_on():
         (make_decision(Fault(0, "locked")), (Fault(0, "locked"),)),
         (make_decision(Fault(0, "weak", 1.0)), ()),
     ],
-    ids=["another", "the same, further", "sound again"],
+    ids=["another", "the same, further", "healthy again"],
 )
 def test_known_faults_of_other_actuators_remain(result, known):
     """A new diagnosis replaces only the known fault of its own actuator."""

@@ -12,7 +12,7 @@ from tests.ftc.carts import Struts, outputs
 
 SMALL = 1e-5
 FAULTS = [None, Fault(1, "locked"), Fault(1, "free"), Fault(1, "weak", 0.4)]
-failures = pytest.mark.parametrize("fault", FAULTS, ids=["sound", *KINDS])
+failures = pytest.mark.parametrize("fault", FAULTS, ids=["healthy", *KINDS])
 machines = pytest.mark.parametrize(("seed", "servo"), [(0, False), (1, True), (2, True)])
 
 

@@ -122,8 +122,8 @@ def test_of_the_recorded_arm_only_the_locked_motor_stands(tmp_path):
 def test_who_is_told_of_a_lock_misses_no_more_than_without_one_and_who_is_not_a_hundred_times(
     name, tmp_path
 ):
-    sound, told, unaware = numbers(printed(name, tmp_path), r"within ([\d.]+) mm")
-    assert told < 2 * sound < 0.2 and unaware > 100 * told
+    healthy, informed, undiagnosed = numbers(printed(name, tmp_path), r"within ([\d.]+) mm")
+    assert informed < 2 * healthy < 0.2 and undiagnosed > 100 * informed
 
 
 def test_of_five_motions_left_in_a_loop_the_place_is_exact_and_the_load_tilts(tmp_path):

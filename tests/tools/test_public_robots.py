@@ -117,7 +117,7 @@ def test_results_become_lines_of_a_csv_file_and_totals_on_the_page():
     numbers = {"measured": [3.0, 4.0], "predicted": [5.0, 0.0], "uncompared": None, "leaves": None}
     numbers |= {"of_path": 0.05, "wrong": [], "named_after_ms": 80}
     done: dict = {"package": "dm-control", "name": "arm", "stage": None, "load": {"actuators": 2}}
-    done |= {"rig": {"rows": [3, 4], "warnings": []}, "sound": numbers, "lock": numbers}
+    done |= {"rig": {"rows": [3, 4], "warnings": []}, "healthy": numbers, "lock": numbers}
     refused = {"package": "dm-control", "name": "hand", "stage": "rig", "refused": "no task"}
     text = page(f"above\n{BEGIN}old\n{END}\nbelow\n", [done, refused], "Conditions.")
     assert text.startswith(f"above\n{BEGIN}Conditions.\n") and text.endswith(f"{END}\nbelow\n")

@@ -21,7 +21,7 @@ COLUMNS = (
     *("identified_after_ms", "false_diagnoses", "message"),
 )
 """Of the CSV file; a cell is empty where a robot did not come that far, or has no prediction."""
-FLIGHTS = ("sound", "lock")
+FLIGHTS = ("healthy", "lock")
 OUTCOMES = {"flies": "completed", "timeout_s": "out of time"}
 Record = dict[str, Any]
 
@@ -74,16 +74,16 @@ def _is_off(record: Record, flight: str) -> bool:
 def _counts(records: Sequence[Record]) -> list[str]:
     """Headlines, each with what it is of."""
     kinds = Counter(map(outcome, records))
-    sound, lock = ([each for each in records if flight in each] for flight in FLIGHTS)
+    healthy, lock = ([each for each in records if flight in each] for flight in FLIGHTS)
     close, without = [], []
-    for flight, flown in zip(FLIGHTS, (sound, lock), strict=True):
+    for flight, flown in zip(FLIGHTS, (healthy, lock), strict=True):
         ratios = [_ratio(each[flight]) for each in flown]
         known = [each for each in ratios if each is not None]
         close.append(f"{sum(abs(each - 1.0) <= AGREES for each in known)} of {len(known)}")
         without.append(str(len(ratios) - len(known)))
-    silent = sum(any(_is_off(each, flight) for flight in FLIGHTS) for each in sound)
+    silent = sum(any(_is_off(each, flight) for flight in FLIGHTS) for each in healthy)
     named = sum(each["lock"]["named_after_ms"] is not None for each in lock)
-    wrong = sum(bool(each["sound"]["wrong"]) for each in sound)
+    wrong = sum(bool(each["healthy"]["wrong"]) for each in healthy)
     worst = []
     for stage in ("jacobians", "power"):
         errors = [each[stage]["error"] for each in records if stage in each]
@@ -97,7 +97,7 @@ def _counts(records: Sequence[Record]) -> list[str]:
         f"{close[1]} after the lock; {without[0]} and {without[1]} have no prediction. "
         f"Beyond 20 % without a warning that says why: {silent}.",
         f"The lock was identified in {named} of {len(lock)} runs. Something was diagnosed in "
-        f"{wrong} of {len(sound)} runs without failure.",
+        f"{wrong} of {len(healthy)} runs without failure.",
     ]
 
 
@@ -115,7 +115,7 @@ def _cells(record: Record) -> dict[str, object]:
         cells["actuators"] = record["load"]["actuators"]
     if "rig" in record:
         cells["major_rows"] = ", ".join(ROWS[k] for k in record["rig"]["rows"])
-    if "sound" in record:
+    if "healthy" in record:
         cells["rms_percent_of_radius"] = f"{100 * record['sound']['of_path']:.3g}"
         wrong = [record[flight]["wrong"] for flight in FLIGHTS if flight in record]
         cells["false_diagnoses"] = sum(map(len, wrong))

@@ -42,7 +42,7 @@ from sim import (
 from sim.mjcf import drive_rows, drives
 from tools.public_robots.task_frame import NoTask, task_frame
 
-STAGES = ("load", "assemble", "jacobians", "power", "classified", "rig", "sound", "lock")
+STAGES = ("load", "assemble", "jacobians", "power", "classified", "rig", "healthy", "lock")
 REJECTIONS = (ModelError, WrongInput, SimulationDiverged, NoTask)
 """Errors that the command reports in a sentence; others give a traceback."""
 
@@ -107,7 +107,7 @@ def stages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
     )
     numbers = {"warnings": rig.warnings, "left_out": rig.left_out, "pinned": pins}
     yield "rig", numbers | {"rows": rig.major, "crossover_hz": rig.margins[0].crossover_hz}
-    yield "sound", _simulated(rig, ())
+    yield "healthy", _simulated(rig, ())
     failed = _expendable(rig)
     lock = (Failure(failed, "locked", FAILS_S),)
     yield "lock", {"actuator": rig.actuators[failed]} | _simulated(rig, lock)

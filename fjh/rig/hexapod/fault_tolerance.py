@@ -124,6 +124,6 @@ def nominal_model(
 def fault_text(fault: Fault | None) -> str:
     """Return a fault as text, its strut numbered 1 to 6; None is no fault."""
     if fault is None:
-        return "sound"
+        return "healthy"
     remaining = f" to {100 * fault.effectiveness:.0f} %" if fault.kind == "weak" else ""
     return f"strut {fault.actuator + 1} {fault.kind}{remaining}"

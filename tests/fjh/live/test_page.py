@@ -49,7 +49,7 @@ def test_diverged_machines_are_replaced_with_a_message(page, monkeypatch):
     page.session.make(0, "free")
     monkeypatch.setattr(page.session, "advance", diverge)
     page.advance(0.005, until=np.inf)
-    assert page.session.states == ["sound"] * 6 and page.session.tick == 5
+    assert page.session.states == ["healthy"] * 6 and page.session.tick == 5
     assert "these are new machines" in page._panel.message
 
 

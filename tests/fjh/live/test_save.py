@@ -21,7 +21,7 @@ def test_last_minute_is_read_back_from_the_next_recording(tmp_path):
     session.advance(19)
     session.make(0, "locked")
     session.advance(20)
-    session.make(0, "sound")
+    session.make(0, "healthy")
     session.make(3, "weak")
     session.disturb("bump")
     session.advance(60)
@@ -33,7 +33,7 @@ def test_last_minute_is_read_back_from_the_next_recording(tmp_path):
         for incident in stated["incidents"]
     }
     assert incidents == {
-        *(("strut1", "locked", 0.02), ("strut1", "sound", 0.04), ("strut4", "weak", 0.04)),
+        *(("strut1", "locked", 0.02), ("strut1", "healthy", 0.04), ("strut4", "weak", 0.04)),
         (None, "bump", 0.04),
     }
     for number, run in enumerate(session.last_minute()):

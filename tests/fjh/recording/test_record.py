@@ -121,7 +121,7 @@ def test_every_event_is_in_the_list_and_among_the_states(recorded, tmp_path):
     times, texts = rrd.rows(file, "/events", "TextLog:text")
     assert {text: at // 1_000_000 for at, (text,) in zip(times, texts, strict=True)} == when
     _, states = rrd.rows(file, "/state/motor2_taken_for", "StateChange:state")
-    assert [state for (state,) in states] == ["sound", "free", "sound", "locked"]
+    assert [state for (state,) in states] == ["healthy", "free", "healthy", "locked"]
 
 
 @pytest.mark.long

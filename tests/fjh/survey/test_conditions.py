@@ -101,7 +101,7 @@ def test_inputs_without_slack_at_rest_are_reported(tmp_path, hold, advice):
     """Thrusts from 0 on have no slack about zero; six thrusts of 6 N do not carry 40 N."""
     file = written(tmp_path / "B.csv", effectiveness("PPNNPN"))
     survey = of_matrix(file, lower="0", upper="6", hold=hold)
-    assert survey.start.classification(0) == "no room"
+    assert survey.start.classification(0) == "no margin"
     assert headline(survey.system, survey.start).endswith(f"{advice}.")
 
 

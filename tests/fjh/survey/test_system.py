@@ -92,7 +92,7 @@ def test_limits_come_from_files_of_numbers_in_a_row_or_a_column(tmp_path):
 def test_velocity_actuators_limit_rates_and_gears_count():
     file, task = TEST_MODELS / "stretched.xml", {"site": "tip", "axes": None, "major": "4"}
     survey = of_robot(file, **task)
-    system, healthy = survey.system, conditions(survey).loc["sound"]
+    system, healthy = survey.system, conditions(survey).loc["healthy"]
     assert np.isnan(healthy.worst_speed_m_per_s) and healthy.speed_left == 1.0
     np.testing.assert_allclose(system.rates, [[-0.5, -1, -np.inf], [0.5, 3, np.inf]])
     assert system.sources["rates"] is not None and system.torques is not None
