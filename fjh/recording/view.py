@@ -40,7 +40,7 @@ _SOON_S = 1e-9
 
 @dataclass(frozen=True)
 class Change:
-    """A change of an actuator's state or diagnosis (`SOUND` is healthy), or another event."""
+    """A change of an actuator's state or diagnosis (`HEALTHY`: no failure), or another event."""
 
     actuator: str | None  # name; None for an event without a single actuator
     kind: str  # kind of failure, or name of the event

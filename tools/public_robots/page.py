@@ -116,7 +116,7 @@ def _cells(record: Record) -> dict[str, object]:
     if "rig" in record:
         cells["major_rows"] = ", ".join(ROWS[k] for k in record["rig"]["rows"])
     if "healthy" in record:
-        cells["rms_percent_of_radius"] = f"{100 * record['sound']['of_path']:.3g}"
+        cells["rms_percent_of_radius"] = f"{100 * record['healthy']['of_path']:.3g}"
         wrong = [record[flight]["wrong"] for flight in FLIGHTS if flight in record]
         cells["false_diagnoses"] = sum(map(len, wrong))
     if "lock" in record:
