@@ -49,7 +49,7 @@ def test_any_change_of_commands_by_an_alarm_is_reported(monkeypatch):
     run = rows.simulate_supervised(case.rig(), case)
     assert run.state.monitor_state.alarm_ticks == ()
     np.testing.assert_array_equal(run.inputs, rows.simulate_undiagnosed(case.rig(), case).inputs)
-    watch = replace(run.state.watch, alarm_ticks=(5,))
+    monitor_state = replace(run.state.monitor_state, alarm_ticks=(5,))
     state = replace(run.state, watch=watch)
     alarmed = replace(run, inputs=run.inputs + 1e-12, state=state)
     monkeypatch.setattr(rows, "simulate_supervised", lambda *_: alarmed)
