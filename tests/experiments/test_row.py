@@ -50,7 +50,7 @@ def test_any_change_of_commands_by_an_alarm_is_reported(monkeypatch):
     assert run.state.monitor_state.alarm_ticks == ()
     np.testing.assert_array_equal(run.inputs, rows.simulate_undiagnosed(case.rig(), case).inputs)
     monitor_state = replace(run.state.monitor_state, alarm_ticks=(5,))
-    state = replace(run.state, watch=watch)
+    state = replace(run.state, monitor_state=monitor_state)
     alarmed = replace(run, inputs=run.inputs + 1e-12, state=state)
     monkeypatch.setattr(rows, "simulate_supervised", lambda *_: alarmed)
     assert rows.row_of(case)["commands_changed"]
