@@ -118,21 +118,23 @@ def isolation_row(rig: Rig, sense: Sensing) -> tuple[DitherDesign, dict[str, Any
         ValueError: The major task leaves no motion for a dither.
     """
     sensed = with_sensors(rig, sense)
-    watched, design = sensed.watched, rig_dither(sensed, "designed")
+    observed, design = sensed.diagnosis_model, rig_dither(sensed, "designed")
     if design is None:
         raise ValueError("the major task leaves no motion by which failures could be isolated")
     separated, dither = design.separations, design.dither
-    exact = separations(watched, dither, MEASURED_S, CERTAIN)
+    exact = separations(observed, dither, MEASURED_S, CERTAIN)
     isolable, added = separated.isolable(), dict[str, int]()
     candidates, most = further_sensors(rig, sense), len(isolable)
     while candidates and len(added) < MOST_ADDED and most < len(separated.faults):
-        ranked = ranked_sensors(watched, candidates, dither, MEASURED_S, DEFAULT_CONFIG.uncertainty)
+        ranked = ranked_sensors(
+            observed, candidates, dither, MEASURED_S, DEFAULT_CONFIG.uncertainty
+        )
         if (count := len(ranked[0].separations.isolable())) <= most:
             break
         name = ranked[0].name
         added[name] = most = count
         row, noise = candidates.pop(name)
-        watched = watched.measured(np.vstack([watched.plant.C, row]), [*watched.noise, noise])
+        observed = observed.measured(np.vstack([observed.plant.C, row]), [*observed.noise, noise])
 
     def labels(faults: Iterable[Fault]) -> list[str]:
         return [f"{rig.actuators[fault.actuator]} {fault.kind}" for fault in faults]

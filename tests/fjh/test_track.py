@@ -167,7 +167,7 @@ def test_failure_that_is_not_isolable_is_reported_before_and_after(capfd):
     unisolable: dict[str, Any] = {"sense": "task", "duration": 0.4, "fail": ["motor1:locked@0.3"]}
     one = tracked(PLATFORM, **unisolable)
     advised = (
-        "motor1 locked may not be identified: by the linear model --dither default tells it apart"
+        "motor1 locked may not be identified: by the linear model --dither default isolates it"
     )
     assert capfd.readouterr().err == f"fjh: {advised}\n"
     assert one.overall["advice"] == [advised.replace("may not be identified", "was not diagnosed")]
@@ -292,7 +292,7 @@ def test_events_are_reported_and_not_compared_with_the_linear_model():
     np.testing.assert_allclose(results["rms_before"], np.sqrt((error_before**2).mean(axis=0)))
     assert results["prediction_off_before"] < 0.1
     assert results["predicted_rms_after"] is results["predicted_rms_after_when_named"] is None
-    assert results["uncompared"].startswith("the linear model does not have bump")
+    assert results["uncompared"].startswith("the linear model does not include bump")
     assert results["rms_after"][0] > 10 * results["rms_before"][0]
 
 

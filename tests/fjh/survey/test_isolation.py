@@ -66,20 +66,20 @@ def test_further_sensor_isolates_as_much_as_an_existing_one():
     design, row = isolation.isolation_row(hand, "joints")
     assert row["further_sensors"]
 
-    def isolable(watched: Any) -> int:
-        result = separations(watched, design.dither, MEASURED_S, DEFAULT_CONFIG.uncertainty)
+    def isolable(observed: Any) -> int:
+        result = separations(observed, design.dither, MEASURED_S, DEFAULT_CONFIG.uncertainty)
         return len(result.isolable())
 
-    watched, former = isolation.with_sensors(hand, "joints").watched, row["isolable"]
-    assert isolable(watched) == former
+    observed, former = isolation.with_sensors(hand, "joints").diagnosis_model, row["isolable"]
+    assert isolable(observed) == former
     for name, count in zip(row["further_sensors"], row["isolable_with_further"], strict=True):
         more = {
-            sensor: watched.measured(np.vstack([watched.plant.C, C]), [*watched.noise, noise])
+            sensor: observed.measured(np.vstack([observed.plant.C, C]), [*observed.noise, noise])
             for sensor, (C, noise) in isolation.further_sensors(hand, "joints").items()
         }
         assert isolable(more[name]) == count > former
         assert max(map(isolable, more.values())) == count
-        watched, former = more[name], count
+        observed, former = more[name], count
 
 
 @pytest.mark.parametrize(
