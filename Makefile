@@ -139,14 +139,14 @@ build/bench/installed: pyproject.toml benchmarks/constraints.txt
 	$(BENCH) -m pip install --no-compile --constraint benchmarks/constraints.txt --editable ".[sim]" --group bench
 	touch build/bench/installed
 
-# The pictures in docs/pictures, but for the drawings machine, figure2 and figure3: the figures of
-# all studies, recordings as the viewer shows them, and pages as Chromium does, which must be
-# installed. Two hours and a quarter the first time, by estimate 40 minutes of `recover`; what is
-# there already is not run again.
+# The pictures in docs/pictures without the drawings machine, figure2, figure3 and rooms: figures of
+# all studies, recordings in the viewer, and pages in Chromium, which must be installed. Estimated
+# two hours the first time, 40 minutes of them `recover`; results that exist are not computed again.
 pictures: venv
 	$(BIN)/fjh paper report --out $(RUNS)
 	$(BIN)/fjh paper atlas --resume --out $(RUNS)/flown
-	cp $(RUNS)/*/*.png docs/pictures/
+	for file in $(RUNS)/*/*.png; do \
+	  [ ! -e docs/pictures/$$(basename $$file) ] || cp $$file docs/pictures/; done
 	$(MAKE) bench
 	cp build/bench/bench.png docs/pictures/
 	$(BIN)/fjh survey models/arm.xml --axes base --out $(RUNS)/surveyed/arm
@@ -159,9 +159,6 @@ pictures: venv
 	$(BIN)/fjh render $(RUNS)/lock/with_diagnosis/track.rrd --out docs/pictures/run.png
 	$(BIN)/fjh animate $(RUNS)/lock/without_diagnosis/track.npz \
 	    $(RUNS)/lock/with_diagnosis/track.npz --out docs/pictures/animation.gif
-	for name in own_arm hexapod_lock force limits hierarchy multirotor; do \
-	  (cd $(RUNS) && $(CURDIR)/$(BIN)/python $(CURDIR)/examples/$$name.py) || exit 1; \
-	  mv $(RUNS)/$$name.png docs/pictures/example_$$name.png; done
 	$(BIN)/python -m tools.live_pictures docs/pictures
 
 clean:
