@@ -231,7 +231,7 @@ class DryFriction(NamedTuple):
         """Return the struct that the kernels take."""
         sizes = self.A.shape[-1], self.K.shape[-1], self.B.shape[-1] - 1, self.C.shape[-2]
         parts = (pointer(part) for part in self[:8])
-        return ffi.new("rubbing *", [*sizes, self.steps_a_tick, *parts])
+        return ffi.new("friction_model *", [*sizes, self.steps_a_tick, *parts])
 
     def moved(self, x: Array, commanded: Array) -> Array:
         """Return the states (..., s) one control tick later for commands (..., n)."""

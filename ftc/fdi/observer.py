@@ -321,10 +321,10 @@ class Observer:
         largest = self.largest if tests else np.inf
         is_learned = lib.correct(
             *(len(state.memory), k - p, p),
-            ffi.new("watched *", [pointer(array) for array in before]),
+            ffi.new("observer_state *", [pointer(array) for array in before]),
             *(pointer(array) for array in (predicted, y, state.whitening, self._drift)),
             *(share, largest, learns and sample.is_complete, pointer(workspace)),
-            ffi.new("watched *", [pointer(array) for array in after]),
+            ffi.new("observer_state *", [pointer(array) for array in after]),
             pointer(residual),
         )
         now |= {"memory": after[0], "residual": residual}

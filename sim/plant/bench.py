@@ -251,8 +251,8 @@ class Bench:
             **{name: getattr(self, name) for name in names},
             all_qpos=all_qpos,
             all_forces=all_forces,
-            kept_qpos=all_qpos.shape[1],
-            kept_forces=all_forces.shape[1],
+            logged_qpos=all_qpos.shape[1],
+            logged_forces=all_forces.shape[1],
         )
 
     def measure(self) -> Reading:
