@@ -42,7 +42,7 @@ def unweighted(
     scale: Array | float,
     tolerance: float,
 ) -> Problem:
-    """Check the arguments of Problems 1 and 6 without weights."""
+    """Return Problems 1 and 6 without weights, after checking their arguments."""
     return checked(
         J,
         major,

@@ -15,8 +15,8 @@ class Polytope(NamedTuple):
     these must not be used. Coordinates with equal limits have zero columns.
 
     Attributes:
-        offset: Contribution of fixed coordinates and of those that the constraints tie to them,
-            shape (..., m1).
+        offset: Contribution of the fixed coordinates and of those determined by them, shape (...,
+            m1).
         U: Orthonormal columns, shape (..., m1, .).
         sigma: Shape (..., .).
         Vt: Orthonormal rows, orthogonal to `rows`, shape (..., ., n).
@@ -42,7 +42,7 @@ class Polytope(NamedTuple):
     tolerance: float
 
     def part(self, which: Indices) -> "Polytope":
-        """Return some polytopes of a batch with one axis."""
+        """Return the polytopes that an index or mask selects from a batch with one axis."""
         return self._make([*(A[which] for A in self[:-1]), self.tolerance])
 
 

@@ -50,7 +50,7 @@ def limiting(
     rows: dict[str, tuple[ArrayLike, ArrayLike, ArrayLike] | None],
     when_limited: WhenLimited = "least_squares",
 ) -> Limiting | None:
-    """Check limits and inequality rows of n unknowns, given under their names; None is no limit."""
+    """Check limits and rows of n unknowns, given by argument name; None is no limit."""
     if not isinstance(when_limited, str) or when_limited not in _CHOICES:
         choices = " or ".join(map(repr, _CHOICES))
         raise ValueError(f"when_limited must be {choices}, got {check.short_repr(when_limited)}")

@@ -120,10 +120,7 @@ def of_plain_arrays(
     box: Any,
     when_limited: WhenLimited,
 ) -> VelocityMapping | None:
-    """Return the mapping of one J with diagonal weights if all arguments are plain and valid.
-
-    None otherwise: the caller's checks then raise, or convert the arguments.
-    """
+    """Return the mapping of one J with diagonal weights if all arguments are plain, else None."""
     w1 = _NOTHING if joint_weight is None else joint_weight
     w2 = _NOTHING if secondary_weight is None else secondary_weight
     size, others = 1.0 if scale is None else scale, () if secondary is None else secondary

@@ -57,7 +57,9 @@ def checked_names(names: HasNames, N: int, n: int) -> Names:
         velocities, actuators = tuple(names.velocities), tuple(map(tuple, names.actuators))
     except (AttributeError, TypeError):
         got = check.short_repr(names)
-        raise TypeError(f"names must have lists velocities and actuators, got {got}") from None
+        raise TypeError(
+            f"names must have the lists `velocities` and `actuators`, got {got}"
+        ) from None
     if (len(velocities), len(actuators)) != (N, n):
         raise ValueError(
             f"names must have {count_phrase(N, 'velocity', 'velocities')} and "
@@ -101,7 +103,7 @@ def actuator_aliases(names: Names | None, active: Indices) -> Aliases:
 
 
 def _word(names: tuple[str, ...], number: int, users: Counter[str]) -> str:
-    """Return the first of the names without another user, otherwise the first with the number."""
+    """Return the first unique name, else the first name followed by the number."""
     for name in names:
         if users[name] == 1:
             return name

@@ -77,8 +77,8 @@ class Packed(NamedTuple):
     def at_bounds(self, x: Array) -> NDArray[np.int8]:
         """Return -1 where x is at its lower bound, 1 at the upper one, 0 elsewhere, (B, n).
 
-        Decided by value: if several bounds become active at once, it depends on round-off which of
-        them the solver counts.
+        The values decide: if several bounds become active at once, the solver's choice among them
+        depends on round-off.
         """
         zero = self._target_size[:, None] * ACCURACY
         at_lower = ~exceeds(x, self.lower, zero=zero)
