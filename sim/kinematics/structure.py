@@ -278,7 +278,7 @@ def rows_at(
         for whole, part in zip(to.whole, to.per_qvel, strict=True):
             whole[:, : model.nv] = part
     if not check.is_moderate(to.per_qvel[1]):
-        raise ModelError("an equality or a transmission of the model is not finite")
+        raise ModelError("equalities and transmissions must be finite, got NaN or infinity")
     J_T, J_C = to.views
     if copied:
         J_T, J_C = check.read_only(J_T.copy()), check.read_only(J_C.copy())

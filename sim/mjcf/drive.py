@@ -41,10 +41,10 @@ class Drive:
 
     Attributes:
         ids: Numbers of the actuators.
-        gear: Gear of each actuator: its length grows by gear times the velocity, its force acts
-            gear times.
-        outputs: Index of each in `data.actuator_force`. The row of the first in
-            `data.actuator_moment`, divided by its gear, maps qvel to the velocity.
+        gear: Gear of each actuator, which multiplies the velocity to the rate of its length, and
+            its force to that along the velocity.
+        outputs: Index of each actuator in `data.actuator_force`. The first row in
+            `data.actuator_moment`, divided by the gear, maps qvel to the velocity.
         joint: Number of the slide or hinge that is driven; None if there is none.
         has_length: Whether `data.actuator_length` is a length whose gradient is the velocity's
             row: true for joints, tendons and slider-cranks.
@@ -236,7 +236,7 @@ def is_disabled(model: mujoco.MjModel, actuator: int) -> bool:
 
 
 def drive_rows(model: mujoco.MjModel, data: mujoco.MjData, some: Sequence[Drive]) -> Array:
-    """Return the rows (len(some), nv) that map qvel to the velocities of some drives.
+    """Return the rows (k, nv) that map qvel to the velocities of k drives.
 
     `mj_transmission` must have been called on `data`.
     """
