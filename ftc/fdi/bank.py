@@ -60,8 +60,8 @@ Models = Callable[[Sequence[Fault]], UncertainModel]
 class Cause:
     """Sudden change of the outputs that is not a failure and needs no other mapping.
 
-    It is an offset of one actuator, constant or growing, a common change of the gain of all
-    commands (supply), or of all sensors (scale).
+    It is an offset of one actuator's command, constant or growing, or a common change of the gain
+    of all commands (supply) or of all sensors (scale).
     """
 
     kind: Literal["offset", "supply", "scale"]

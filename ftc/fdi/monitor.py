@@ -327,7 +327,8 @@ class Monitor:
         """Return the monitor with the confirmed diagnosis, and its state, history recomputed."""
         diagnosis = state.diagnosis
         if diagnosis is None or not diagnosis.confirmed:
-            raise ValueError(f"state must hold a confirmed diagnosis, got {diagnosis}")
+            got = "none" if diagnosis is None else "an unconfirmed one"
+            raise ValueError(f"state must hold a confirmed diagnosis, got {got}")
         others = [item for item in self.faults if item.actuator != diagnosis.fault.actuator]
         faults = others if diagnosis.fault.is_healthy else [*others, diagnosis.fault]
         after = monitor(self.nominal, faults, self.config)
@@ -389,7 +390,8 @@ def monitor(
     period_s = ticks * nominal.period_s
     if ticks > MOST_STEPS:
         raise ValueError(
-            f"config must have samples of at most {MOST_STEPS} ticks, got {config.sample_s:g} s"
+            f"config must have samples of at most {MOST_STEPS} ticks of {nominal.period_s:g} s, "
+            f"got {config.sample_s:g} s"
         )
     base = base_model_of(nominal, faults, config.uncertainty, ticks)
     test = ResidualTest(
