@@ -137,8 +137,8 @@ class Monitor:
     def step(self, state: MonitorState, measured: Array | None, commanded: Array) -> MonitorState:
         """Process one tick: present outputs (p,) or None, and displacements (n,) commanded before.
 
-        A sample without any measurement, and those after it whose whitening needs it, are neither
-        tested nor learned nor used as evidence.
+        A sample without measurement, and later ones whose whitening needs it, are neither tested
+        nor learned nor used as evidence.
         """
         check.instance("state", state, MonitorState)
         noise = self.nominal.noise
@@ -199,7 +199,7 @@ class Monitor:
         return self._alarmed(state) if self.test.alarm(recent) else state
 
     def _alarmed(self, state: MonitorState) -> MonitorState:
-        """Raise an alarm, and evaluate the hypotheses over the history."""
+        """Return the state after an alarm, with the hypotheses evaluated over the history."""
         alarms = (*state.alarm_ticks, state.ticks - 1)
         started = {"alarm_ticks": alarms, "decision": None, "evidence_start_tick": state.ticks}
         state = replace(state, **started, observer=self.observer.after_alarm(state.observer))

@@ -56,7 +56,7 @@ standard deviations are half the force of a healthy one [s], and one standard de
 as a fraction of that force."""
 
 _LEAST_OFFSET = 1e-6
-"""Smallest standard deviation of a sensor's offset, in units of its noise: a root has no zeros."""
+"""Smallest standard deviation of a sensor's offset, in units of its noise: roots are regular."""
 
 
 class Parameters(NamedTuple):

@@ -22,11 +22,8 @@ from prioritized._solver.rank import RANK_TOLERANCE
 def corners(normal: Array, distance: Array) -> Array:
     """Return the corners (V, k) of the bounded set {z : normal @ z <= distance}, each once.
 
-    In the plane the order is counter-clockwise; a set without interior has no rows.
-
-    Args:
-        normal: Normals of the half-spaces, shape (F, k).
-        distance: Their distances, shape (F,); infinite ones bound nothing.
+    In the plane the order is counter-clockwise; a set without interior has no rows. Normals are (F,
+    k), distances (F,), infinite for no bound.
     """
     # Imported here: together they take as long to import as the whole library.
     from scipy.optimize import linprog

@@ -51,14 +51,9 @@ def polytope(
 ) -> Polytope:
     """Return the polytope of {G x : C x = 0, lower <= x <= upper}.
 
-    Args:
-        G: Shape (..., m1, n).
-        C: Orthonormal rows, or a projector on them, shape (..., r, n).
-        lower: Lower limits, may be infinite, shape (..., n).
-        upper: Upper limits, may be infinite, shape (..., n).
-        scale: Size of the matrices that G was computed from, shape (...), against which its rank is
-            decided.
-        tolerance: Tolerance of the rank decisions.
+    G is (..., m1, n); C has orthonormal rows, or is a projector on them, (..., r, n); limits are
+    (..., n) and may be infinite. `scale` (...) is the size of the matrices that G was computed
+    from, against which its rank is decided.
     """
     fixed = lower == upper
     moving = np.where(fixed, 0.0, 1.0)[..., None, :]

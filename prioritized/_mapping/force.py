@@ -331,13 +331,7 @@ def force_mapping_of(
 ) -> ForceMapping:
     """Return the force mapping of a mechanism; see :meth:`Kinematics.force_mapping`.
 
-    Args:
-        mechanism: Mechanism with J and all conditions.
-        major: As for :func:`force_mapping`.
-        secondary: As for :func:`force_mapping`.
-        weights: Weights of the torques and of the secondary force.
-        metrics: Metrics of the major force and of ties.
-        bounds: Limits of torques and forces.
+    `weights` are those of torques and secondary force, `metrics` of major force and ties.
     """
     stated = checked(
         mechanism.J,

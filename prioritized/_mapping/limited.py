@@ -137,12 +137,8 @@ def optimum(
 ) -> Optimum:
     """Solve levels under limits; the first is the constraint, the second the major task.
 
-    Args:
-        levels: Levels of the problem without limits.
-        p: Factors of the targets of the levels, (..., p).
-        limiting: Limits; None is no limit.
-        tolerance: Tolerance of the rank decisions.
-        start: Solution of a similar problem.
+    The targets of the levels are `target @ p`, p (..., p); `start` is a solution of a similar
+    problem.
     """
     lead, n = p.shape[:-1], levels[0].A.shape[-1]
     if limiting is not None and not limiting.is_box and levels[1].damping:

@@ -64,10 +64,7 @@ class VelocityMapping:
     ) -> "VelocityMapping":
         """Return the mapping of one J with diagonal weights.
 
-        Args:
-            plain: J and its weights.
-            directions: Directions of the major and the secondary task.
-            limiting: Limits of the rates, or None.
+        `directions` are those of the major and of the secondary task.
         """
         mapping = object.__new__(VelocityMapping)
         parts = {"_damping": 0.0, "_limiting": limiting, "_kinematics": None}
@@ -85,10 +82,8 @@ class VelocityMapping:
     ) -> "VelocityMapping":
         """Return the mapping of a J, its scale and constraints stated in natural units.
 
-        Args:
-            task_units: Natural units of the task rows, (m,).
-            rate_units: Natural units of the rates, (n,); None is one common unit.
-            mechanism: J, scale and constraints, as in :class:`Problem`.
+        Units are those of task rows (m,) and rates (n,), None for one common unit; `mechanism` are
+        fields of :class:`Problem`.
         """
         problem = self._own.natural(task_units, 1.0 if rate_units is None else rate_units)
         mapping = VelocityMapping(problem._replace(**mechanism), self._damping, self._limiting)

@@ -49,9 +49,7 @@ Aliases = tuple[tuple[str, ...], ...]
 def checked_names(names: HasNames, N: int, n: int) -> Names:
     """Return the names as immutable tuples.
 
-    Raises:
-        TypeError: `names` has no `velocities` or no `actuators`.
-        ValueError: The names are not N strings and n tuples of strings.
+    Other names than N strings and n tuples of strings raise a TypeError or ValueError.
     """
     try:
         velocities, actuators = tuple(names.velocities), tuple(map(tuple, names.actuators))
@@ -199,13 +197,9 @@ def joined_names(aliases: Aliases, numbers: Iterable[int]) -> str:
 def involved_joints(basis: Array, aliases: Aliases, accuracy: float = ACCURACY) -> str:
     """List the joints with a noticeable share of an orthonormal basis, the largest share first.
 
-    Args:
-        basis: Columns over the joints, shape (len(aliases), .).
-        aliases: Names of the joints; rows with the same name belong to one joint.
-        accuracy: Relative difference up to which shares are equal.
-
-    Returns:
-        Text such as "hip, knee and 2 more"; empty if no joint has a name.
+    The text is, for example, "hip, knee and 2 more"; empty if no joint has a name. Rows of the
+    basis with the same name belong to one joint; `accuracy` is the relative tolerance of equal
+    shares.
     """
     shares: dict[str, float] = {}
     for names, row in zip(aliases, basis, strict=True):

@@ -205,8 +205,7 @@ def _follow(
     `part` and `why` are the first fraction to test and the reason if it is below 1; those of the
     fraction that was taken are returned.
 
-    Raises:
-        ValueError: No fraction is small enough.
+    If no fraction is small enough, a ValueError is raised.
     """
     start, first_attempt = data.qpos.copy(), True
     while part > _SHORTEST:

@@ -174,11 +174,7 @@ class Closures(NamedTuple):
         return self._open(data)[: len(self.units)] * self.units
 
     def largest_gap(self, data: mujoco.MjData) -> float:
-        """Return the largest gap, [m] or [rad]; 0 without closures.
-
-        Raises:
-            ModelError: An equality is not finite.
-        """
+        """Return the largest gap, [m] or [rad], 0 without closures; raise if one is not finite."""
         if not self.units.size:
             return 0.0
         gaps, units = pointer(self._open(data)), pointer(self.units)
@@ -190,9 +186,7 @@ class Closures(NamedTuple):
     def check_closed(self, model: mujoco.MjModel, data: mujoco.MjData, tolerance: float) -> float:
         """Return the largest gap, [m] or [rad], if it is within the tolerance.
 
-        Raises:
-            ClosureError: The gap is larger.
-            ModelError: An equality is not finite.
+        A larger gap raises a ClosureError, one that is not finite a ModelError.
         """
         if (gap := self.largest_gap(data)) > tolerance:
             unit, name = self.described(model, self.worst(data))
@@ -211,11 +205,7 @@ class Closures(NamedTuple):
 
 
 def active_closures(model: mujoco.MjModel, data: mujoco.MjData) -> Closures:
-    """Return the active closures, from MuJoCo's last computation.
-
-    Raises:
-        ModelError: The model's flags disable active equalities.
-    """
+    """Return the active closures; raise a ModelError if flags disable active equalities."""
     _check_flags(model, data)
     with_sleepers(model, data, mujoco.mj_tendon, mujoco.mj_makeConstraint)
     equality, places = data.efc_id[: data.ne].astype(np.intp), None

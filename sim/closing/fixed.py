@@ -50,11 +50,7 @@ class LocatedPin(NamedTuple):
 
 
 def pins_of(model: mujoco.MjModel, pinned: Iterable[str | Body | Pin]) -> tuple[LocatedPin, ...]:
-    """Look up the pins of an argument `pinned`; a frame given without :class:`Pin` may rotate.
-
-    Raises:
-        ModelError: A frame does not exist.
-    """
+    """Look up the pins of an argument `pinned`; a frame given without :class:`Pin` may rotate."""
     pins = []
     for pin in check.members("pinned", pinned, str, Body, Pin):
         frame, weld = (pin.frame, pin.weld) if isinstance(pin, Pin) else (pin, False)

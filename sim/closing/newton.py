@@ -93,13 +93,9 @@ class Loops:
         return "rad" if self.fixed.turns()[fixed_row] else "m", self.fixed.names()[fixed_row]
 
     def gaps(self, data: mujoco.MjData) -> Array:
-        """Return all gaps (c,) in their units.
-
-        Raises:
-            ModelError: A gap is not finite.
-        """
+        """Return all gaps (c,) in their units; raise a ModelError if one is not finite."""
         self._wake(data)
-        self.closures.largest_gap(data)  # raises
+        self.closures.largest_gap(data)  # raises if one is not finite
         every = np.append(self.closures.gaps(data), self.fixed.gaps(data))
         return every / self.row_units
 
@@ -134,11 +130,7 @@ class Loops:
 
 
 def close(data: mujoco.MjData, loops: Loops) -> None:
-    """Close loops in place by Newton's method; derived quantities are up to date before and after.
-
-    Raises:
-        ClosureError: A loop does not close.
-    """
+    """Close loops in place by Newton's method, or raise a ClosureError; `data` stays up to date."""
     if loops.largest_gap(data)[0] < _ROUND_OFF:  # the usual case, and faster
         return
     aim = CLOSED * np.minimum(1.0, 1.0 / loops.row_units)

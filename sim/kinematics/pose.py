@@ -33,7 +33,7 @@ class Pose:
         """Check the arguments and store read-only copies."""
         check.freeze_field(self, "rotation", 3, 3)
         check.freeze_field(self, "translation_m", 3)
-        _ = self.lead  # raises where there is none
+        _ = self.lead  # raises if the batch axes do not broadcast
 
     @classmethod
     def from_matrix(cls, T: ArrayLike) -> "Pose":

@@ -257,11 +257,8 @@ def rows_at(
 ) -> tuple[Array, Array]:
     """Return J_T (m, N) and J_C (c, N), read-only, at a pose that is up to date.
 
-    They are copies, or views that the next call with the same `cache` overwrites.
-
-    Raises:
-        ModelError: Rows of closures or transmissions are not finite.
-        ValueError: A task's Jacobian has another number of rows than its `angular`.
+    They are copies, or views that the next call with the same `cache` overwrites. Rows that are not
+    finite or not as many as `angular` raise a ModelError or ValueError.
     """
     model = of.model
     limits = stuck_rows(model, data, of.stuck) if of.stuck else _NONE_STUCK

@@ -149,11 +149,9 @@ def _force_range(model: mujoco.MjModel, actuator: int) -> Array:
 
 
 def number_of(name: str, names: Sequence[Sequence[str]]) -> int:
-    """Find the actuator with a name, or with a number in digits; its own name has priority.
+    """Return the number of an actuator given by a name, or by its number in digits.
 
-    Args:
-        name: Name of a joint, tendon or actuator.
-        names: Names of each actuator, its own name first.
+    `names` has the names of each actuator (own, joint or tendon), its own first, with priority.
 
     Raises:
         ValueError: No actuator has this name; the message suggests the nearest one.
@@ -366,9 +364,6 @@ def add_locks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
     """Add an inactive lock for each actuated joint or tendon without one; return if one was added.
 
     `spec`, from which `model` was compiled, is changed; the caller compiles it again.
-
-    Raises:
-        ModelError: Another equality already has the name of a lock to be added.
     """
     taken = {model.equality(k).name for k in range(model.neq)}
     locked, before = {locked_by(model, k) for k in range(model.neq)}, len(spec.equalities)

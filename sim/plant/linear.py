@@ -21,8 +21,8 @@ from sim.mjcf.part import Part
 
 _NO_CLAMP = int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
 _UNOBSERVABLE, _NEGLIGIBLE, _MOSTLY = 1e-6, 1e-12, 0.3
-"""Relative stiffness and output below which a motion has none; size that counts as zero; fraction
-of a motion's largest joint speed at which a joint is listed as moving."""
+"""Relative stiffness and output that count as none; size that counts as zero; fraction of a
+motion's largest joint speed at which a joint is listed as moving."""
 _REDUNDANT = 1e-9
 """Relative singular value below which constraints are redundant: loops close to 1e-10."""
 

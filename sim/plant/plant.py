@@ -363,12 +363,7 @@ class Plant:
 
 
 def physics_steps(name: str, period_s: float, timestep_s: float) -> int:
-    """Count the physics steps in a period; `name` is the argument's name in messages.
-
-    Raises:
-        ValueError: There are more than 1e7 steps.
-        ModelError: The period is not a whole number of steps.
-    """
+    """Return the number of physics steps in a period, a whole number of at most 1e7, or raise."""
     steps = round(check.number(name, period_s, check.SMALLEST) / timestep_s)
     if steps > MOST_STEPS:
         raise ValueError(
