@@ -175,7 +175,7 @@ def flat(A: Array, axes: int, lead: tuple[int, ...]) -> Array:
 def _as_float64(name: str, value: ArrayLike | None) -> Array:
     """Return a float64 copy of real numbers, which may be infinite."""
     if is_masked(value):
-        raise ValueError(f"{name} must not be masked, got a masked array: fill it first")
+        raise ValueError(f"{name} must have no masked entry, got a masked array: fill it first")
     try:
         raw = np.asarray(value)
     except ValueError:
