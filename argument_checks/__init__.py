@@ -1,8 +1,8 @@
 """Argument checks of all packages: invalid input raises immediately, with a one-sentence message.
 
 The message names the argument, the expected value and the given one. Every check returns the
-argument in the form that the caller computes with. Meant for use as `import argument_checks as
-check`.
+argument, converted where necessary (to float64, for example). The usual import is `import
+argument_checks as check`.
 """
 
 from argument_checks.arrays import LARGEST as LARGEST

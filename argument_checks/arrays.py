@@ -43,9 +43,9 @@ def array(
         name: Name of the argument, for messages.
         value: Array-like; a float64 array of the right shape is returned without copying.
         shape: Length of each axis, None for any; a leading `...` stands for any batch axes. Without
-            a shape any is accepted. With two lengths or more, each matrix must be zero or not too
-            small.
-        least: Lower bound of all numbers; None is no bound.
+            a shape, any is accepted. With two lengths or more, each matrix must be zero or have an
+            entry of at least :data:`SMALLEST`.
+        least: Lower bound of all numbers; None: no bound.
         finite: Refuse NaN, infinity and numbers so large that products overflow.
         copy: Always return a new array.
     """
@@ -70,7 +70,7 @@ def array(
 
 
 def at_least(least: float) -> str:
-    """Return the phrase that error messages use for a lower bound."""
+    """Return the words for a lower bound in error messages, such as "not be negative"."""
     signs = {0.0: "not be negative", SMALLEST: f"be positive, at least {SMALLEST:g}"}
     return signs.get(least, f"be at least {least:g}")
 
@@ -81,7 +81,7 @@ def is_plain(value: ArrayLike | None) -> TypeGuard[Array]:
 
 
 def is_moderate(A: Array) -> bool:
-    """Return whether all numbers are finite and their norm below LARGEST, without temporaries."""
+    """Return whether all numbers are finite and their norm is below :data:`LARGEST`."""
     return A.size == 0 or dnrm2(A.ravel()) < LARGEST  # NaN is not
 
 
@@ -95,10 +95,10 @@ def is_masked(value: Any) -> bool:
 def limits(
     name: str, value: Sequence[ArrayLike] | Array, size: int, *, batch: bool = False
 ) -> tuple[Array, Array]:
-    """Check a pair (lower, upper) of n limits, infinite where there is no limit.
+    """Check a pair (lower, upper) of limits, infinite where there is no limit, and return both.
 
-    Each is n numbers, or one number for all; equal limits fix the variable. Return read-only copies
-    of shape (n,); with `batch` each may have leading axes, (..., n), and is not copied.
+    Each is `size` numbers, or one number for all; equal limits fix the variable. The result is a
+    pair of read-only copies (size,); with `batch` each may have leading axes and is not copied.
     """
     try:
         lower, upper = value
@@ -118,7 +118,7 @@ def limits(
 
 
 def weight(name: str, value: ArrayLike, size: int, *, semidefinite: bool = False) -> Array:
-    """Check a weighting matrix (..., k, size); a vector is interpreted as its diagonal.
+    """Check a weighting matrix (..., k, size), or its diagonal (size,), and return the matrix.
 
     With `semidefinite` it must be symmetric, (size, size), without negative eigenvalues.
     """
@@ -133,7 +133,7 @@ def weight(name: str, value: ArrayLike, size: int, *, semidefinite: bool = False
     round_off = 1e-12 * np.abs(W).max(initial=0.0)
     if W.shape != (size, size) or (np.abs(W - W.T) > round_off).any():
         got = short_repr(W.tolist())
-        raise ValueError(f"{name} must be a diagonal of {size} or a symmetric matrix, got {got}")
+        raise ValueError(f"{name} must be {size} numbers or a symmetric matrix, got {got}")
     if (lowest := np.linalg.eigvalsh(W).min(initial=0.0)) < -round_off * size:
         raise ValueError(f"{name} must have no negative eigenvalue, got {lowest:.3g}")
     return W
@@ -151,21 +151,20 @@ def common_axes(leads: dict[str, tuple[int, ...]]) -> tuple[int, ...]:
 
 
 def frozen(A: NDArray[_T]) -> NDArray[_T]:
-    """Return a read-only copy."""
+    """Return a read-only copy of an array."""
     return read_only(np.array(A))
 
 
 def read_only(A: NDArray[_T]) -> NDArray[_T]:
-    """Make the array itself read-only and return it."""
+    """Make an array read-only, without copying, and return it."""
     A.setflags(write=False)
     return A
 
 
 def flat(A: Array, axes: int, lead: tuple[int, ...]) -> Array:
-    """Broadcast to the batch axes `lead` and merge these into one, C-contiguous.
+    """Return an array broadcast to the batch axes `lead`, merged into one axis, C-contiguous.
 
-    `axes` is the number of trailing axes of each array. Without batch axes the array is only made
-    contiguous.
+    `axes` is the number of other axes, at the end. An empty `lead` adds no axis.
     """
     if not lead:
         return np.ascontiguousarray(A)
@@ -176,11 +175,13 @@ def flat(A: Array, axes: int, lead: tuple[int, ...]) -> Array:
 def _as_float64(name: str, value: ArrayLike | None) -> Array:
     """Return a float64 copy of real numbers, which may be infinite."""
     if is_masked(value):
-        raise ValueError(f"{name} must have all its numbers, got a masked array: fill it first")
+        raise ValueError(f"{name} must have no masked entry, got a masked array: fill it first")
     try:
         raw = np.asarray(value)
     except ValueError:
-        raise ValueError(f"{name} must be a rectangular array, got rows that differ") from None
+        raise ValueError(
+            f"{name} must be a rectangular array, got rows of different lengths"
+        ) from None
     if raw.dtype.kind not in "fiu":
         got = raw.dtype if value is not None else None
         raise ValueError(f"{name} must hold real numbers, got {got}")
@@ -214,7 +215,7 @@ def _refuse_tiny(name: str, A: Array) -> None:
     size = np.abs(A).max(axis=(-2, -1), initial=0.0)
     if (small := size[(size > 0.0) & (size < SMALLEST)]).size:
         raise ValueError(
-            f"{name} must be zero or have magnitudes of at least {SMALLEST:g}, got {small[0]:g}"
+            f"{name} must be zero or have an entry of at least {SMALLEST:g}, got {small[0]:g}"
         )
 
 

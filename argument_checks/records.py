@@ -10,14 +10,14 @@ _Kind = TypeVar("_Kind")
 
 
 def lock(record: object) -> None:
-    """Make all arrays of a record read-only in place; the record must own them."""
+    """Make all arrays of a dataclass read-only in place; no other object may write to them."""
     for value in vars(record).values():
         if type(value) is np.ndarray:
             read_only(value)
 
 
 def computed(kind: type[_Kind], **fields: Any) -> _Kind:
-    """Construct a frozen record of new arrays without checks, and make these read-only."""
+    """Construct a frozen dataclass without its checks, and make its arrays read-only in place."""
     record = unchecked_record(kind, **fields)
     lock(record)
     return record
@@ -33,7 +33,7 @@ def unchecked_record(kind: type[_Kind], **fields: Any) -> _Kind:
 def changed(record: _Kind, **fields: Any) -> _Kind:
     """Return a copy of a frozen record with some fields replaced, as by `dataclasses.replace`.
 
-    Seven times as fast. Only for records without `__post_init__` checks and cached values.
+    This is seven times as fast. The record must have neither `__post_init__` nor cached values.
     """
     copy = object.__new__(type(record))
     copy.__dict__.update(record.__dict__, **fields)

@@ -19,7 +19,7 @@ ACCURACY = 1e-9
 def exceeds(
     value: ArrayLike, bound: ArrayLike, accuracy: float = ACCURACY, zero: ArrayLike = 0.0
 ) -> Mask:
-    """Return where values exceed bounds by more than their accuracy; broadcast, shape (...).
+    """Return where values exceed bounds by more than their accuracy; the arrays are broadcast.
 
     Args:
         value: Any numbers, also infinite; NaN exceeds nothing.

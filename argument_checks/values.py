@@ -25,7 +25,7 @@ SECONDS = 1e-9, DAY_S
 
 
 def number(name: str, value: ArrayLike, least: float = -LARGEST, most: float = LARGEST) -> float:
-    """Check one finite number between `least` and `most`."""
+    """Check one finite number between `least` and `most`, and return it as a float."""
     if type(value) is float and least <= value <= most and abs(value) < LARGEST:
         return value  # the common case
     A = array(name, value)
@@ -41,7 +41,7 @@ def number(name: str, value: ArrayLike, least: float = -LARGEST, most: float = L
 
 
 def integer(name: str, value: Any, size: int | None = None) -> int:
-    """Check an integer of range(size), or any non-negative one if `size` is None."""
+    """Check an integer in 0..size - 1, or any non-negative one without `size`, and return it."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
         raise ValueError(f"{name} must be an integer, got {short_repr(value)}")
     if value < 0 or (size is not None and value >= size):
@@ -53,7 +53,7 @@ def integer(name: str, value: Any, size: int | None = None) -> int:
 def indices(
     name: str, value: Iterable[int] | ArrayLike, size: int, *, distinct: bool = True
 ) -> Indices:
-    """Check integers of range(size), in the given order; distinct unless `distinct` is False."""
+    """Check a list of integers in 0..size - 1, by default without repeats; return an array (k,)."""
     listed = value if isinstance(value, Sequence | np.ndarray) else _listed(value)
     try:
         raw = np.asarray(None if is_masked(listed) else listed)
@@ -71,14 +71,14 @@ def indices(
 
 
 def flag(name: str, value: Any) -> bool:
-    """Check a bool."""
+    """Check that a value is True or False, and return it."""
     if not isinstance(value, bool | np.bool_):
         raise TypeError(f"{name} must be True or False, got {short_repr(value)}")
     return bool(value)
 
 
 def choice(name: str, value: Any, options: Iterable[str]) -> str:
-    """Check that a string is one of the options."""
+    """Check that a string is one of the options, and return it."""
     if instance(name, value, str) not in (options := tuple(options)):
         raise ValueError(f"{name} must be one of {', '.join(options)}, got {short_repr(value)}")
     return value
@@ -93,7 +93,7 @@ def instance(name: str, value: Any, *kinds: type[_Kind]) -> _Kind:
 
 
 def members(name: str, value: Iterable[_Kind], *kinds: type[_Kind]) -> tuple[_Kind, ...]:
-    """Check that a list contains instances of these classes only; a string is not a list."""
+    """Check that a list has instances of these classes only, no string; return a tuple."""
     items: tuple[Any, ...] = (None,) if isinstance(value, str) else _listed(value)
     if not all(isinstance(item, kinds) for item in items):
         expected = " or ".join(kind.__name__ for kind in kinds)
@@ -102,16 +102,16 @@ def members(name: str, value: Iterable[_Kind], *kinds: type[_Kind]) -> tuple[_Ki
 
 
 def function(name: str, value: Any) -> Any:
-    """Check that a value is callable."""
+    """Check that a value is callable, and return it."""
     if not callable(value):
         raise TypeError(f"{name} must be a function, got {short_repr(value)}")
     return value
 
 
 def attributes(name: str, value: Any, *required: str) -> Any:
-    """Check that an object has the required attributes or methods.
+    """Check that an object has the required attributes or methods, and return it.
 
-    Attributes that `dir` lists are not evaluated.
+    Properties are not evaluated if `dir` lists them.
     """
     own_fields, kind = getattr(value, "__dict__", ()), type(value)
     missing = {field for field in required if field not in own_fields and not hasattr(kind, field)}

@@ -1,6 +1,6 @@
 """Controller of Fig. 3: one compensator for each major channel, then the mapping.
 
-It also has a controller to which the time of a failure is known (an oracle).
+An oracle controller, for comparison, switches at the known time of a failure.
 """
 
 from collections.abc import Callable, Sequence
@@ -68,9 +68,9 @@ class BumplessTransfer:
 
     The compensators are unchanged. The difference between the actual displacements of the surviving
     actuators and those of the new mapping is split: its effect on the major task becomes a constant
-    offset, which relieves the integrators; the secondary rest fades out. The command of an actuator
-    that goes out of use fades, too, so that nothing jumps if it is healthy or works again; a locked
-    one keeps its command, and a free one is commanded to where the others move it.
+    offset, which relieves the integrators; the rest, a secondary motion, fades out. The command of
+    an actuator that goes out of use fades, too, so that nothing jumps if it works after all; a
+    locked one keeps its command, and a free one is commanded to where the others move it.
 
     Attributes:
         demand: Constant offset of the demanded major task.
@@ -189,7 +189,7 @@ class PrioritizedController(Generic[Pose]):
             secondary_reference: Reference of the secondary goal, displacements of the actuators,
                 shape (n,); None is zero.
             feedforward: Demand added to that of the compensators, shape (m1,); None is the
-                reference with `reference_feedforward`, else zero.
+                reference for a controller with `reference_feedforward`, else zero.
             unused_reference: Displacements added to the commands of actuators out of use after a
                 transfer, shape (n,); None is zero.
         """
@@ -241,18 +241,18 @@ class PrioritizedController(Generic[Pose]):
         *,
         unused_reference: Array | None = None,
     ) -> ControllerState[Pose]:
-        """Return the state with which this controller continues another one without a step.
+        """Return the state with which this controller takes over from another without a step.
 
         Args:
             state: State of the other controller.
             lost_displacements: Displacement that each actuator is about to lose, shape (n,). The
-                others step to compensate its effect on the major task; None is zero.
-            acting: Fraction of its command that each actuator still follows when out of use, shape
-                (n,); None is zero.
+                commands of the others step to compensate this; None is zero.
+            acting: Fraction of its command that each actuator out of use still follows, shape (n,);
+                None is zero.
             retained: 1 for actuators that keep their last command when out of use, else 0, shape
                 (n,). The other commands fade in `handover_s`, and their effect on the major task is
                 taken over. None: all fade.
-            unused_reference: Value that the next step will get, so that its motion continues.
+            unused_reference: Argument of the next :meth:`step`, so that its motion continues.
         """
         last = check.instance("state", state, ControllerState).previous_command
         mapping, acting = self.mapping, self._of_actuators("acting", acting)
@@ -313,7 +313,7 @@ class OracleController:
         reconfigured: Controller from `tick` on.
         tick: Tick of the switch, counted from zero; None is never.
         lost_displacements: Displacement that each actuator loses at the switch, shape (n,); None:
-            the commanded displacement of those that are free in the goal of `reconfigured`.
+            the commanded displacement of the actuators that are free in the goal of `reconfigured`.
         secondary: Function of the time of the run [s] that returns the reference (n,) of the
             secondary goal; None is zero.
         acting: Argument `acting` of :meth:`ftc.PrioritizedController.transfer`.

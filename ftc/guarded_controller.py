@@ -16,7 +16,7 @@ from argument_checks import Array, short_repr
 from argument_checks.records import changed
 from ftc.control.mapping import Goal
 from ftc.controller import Converter, Measurement, checked_drives
-from ftc.fdi.fault_model import NominalModel
+from ftc.fdi.fault_model import NominalModel, actuator_name
 from ftc.loop import Controller
 from ftc.sensors import SensorCheck, Sensors
 
@@ -30,7 +30,7 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class ControlTask:
-    """Machine and task as a controller gets them; arrays are copied and read-only.
+    """Machine and task for which a controller is made; arrays are copied and read-only.
 
     Attributes:
         nominal: Model of the machine without failures, from the n commanded displacements to the
@@ -105,7 +105,7 @@ class GuardedState:
 
 @dataclass(frozen=True)
 class GuardedController:
-    """Controller that calls another one and tolerates its failure.
+    """Controller that calls another controller, such as a user's, and tolerates its failure.
 
     If the other controller raises, does not return a finite input for each drive, or takes too
     long, it is not called again: the inputs last sent are held, as digital-to-analog converters
@@ -167,7 +167,7 @@ class GuardedController:
 
         def stepped() -> tuple[Any, Array]:
             controller_state = controller.step(state.controller_state, reference.copy(), copied)
-            return controller_state, _inputs(controller_state, len(state.inputs))
+            return controller_state, _inputs(controller_state, self.task.nominal)
 
         try:
             controller_state, inputs = _call(self.step_limit_s, stepped)
@@ -214,14 +214,14 @@ def _call(limit_s: float, function: Callable[[], _T]) -> _T:
         raise _Failed(f"{message:.200} ({where})") from error
 
 
-def _inputs(state: Any, drives: int) -> Array:
+def _inputs(state: Any, nominal: NominalModel) -> Array:
     """Return a copy (n,) of the inputs in a controller's state; raise `_Failed` if invalid."""
-    inputs = np.array(state.inputs)
+    inputs, drives = np.array(state.inputs), nominal.actuators
     if inputs.dtype.kind not in "fiu":
         raise _Failed(f"returned {short_repr(state.inputs)}, expected {drives} numbers")
     if inputs.shape != (drives,):
         raise _Failed(f"returned shape {inputs.shape}, expected {(drives,)}")
-    for drive, value in enumerate(inputs.tolist(), 1):
+    for k, value in enumerate(inputs.tolist()):
         if not np.isfinite(value):
-            raise _Failed(f"returned {value} for drive {drive}")
+            raise _Failed(f"returned {value} for {actuator_name(nominal.names, k)}")
     return inputs.astype(float)

@@ -134,8 +134,8 @@ class Stage:
         tick: First tick of the stage.
         gain: Commands per demand, shape (n, m); None keeps the previous gain (at first: commands
             are the demands).
-        bumpless: 1 for actuators whose commands continue without a step (bumpless transfer), else
-            0, shape (n,); None: the commands of the new gain apply at once.
+        bumpless: 1 for actuators whose commands continue without a step, else 0, shape (n,); None:
+            the commands of the new gain apply at once.
     """
 
     model: FaultModel

@@ -31,7 +31,7 @@ grows by at most 2 dB, a third of the gain margin of 6 dB. If it works again und
 of the margin remain, and its step is a quarter larger."""
 
 _ABOVE = 1 + 1e-9
-"""Factor by which a number must exceed another one to do so despite round-off."""
+"""Factor by which a number must exceed another one to be larger beyond round-off."""
 
 
 def used_share(nominal: NominalModel, fault: Fault) -> float:

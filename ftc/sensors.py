@@ -83,8 +83,8 @@ class SensorState:
             past = f" again ({bad}; lost {self.losses} times)" if self.losses else f" ({bad})"
             return f"{name} is usable{past if bad else ''}"
         if not self.lost:
-            return f"{name} {self.cause} for {self.gap_ticks} ticks: {instead}"
-        return f"{name} {self.cause} since {self.since * period_s:.3f} s: {instead}"
+            return f"{name} {self.cause} for {1e3 * self.gap_ticks * period_s:.3g} ms: {instead}"
+        return f"{name} {self.cause} (since t = {self.since * period_s:.3f} s): {instead}"
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class SensorCheck:
     """Rule that decides whether a reading is usable.
 
     The sensor is lost after a gap of 20 ms; a row is stuck when it repeats for 35 ms and 5
-    readings. The next usable reading is used at once: waiting for more would only lengthen the gap.
+    readings. The next usable reading is used at once.
 
     Attributes:
         period_s: Time between readings [s].
@@ -121,7 +121,7 @@ class SensorCheck:
         return SensorState((nan,) * rows, None, (0,) * rows)
 
     def step(self, state: SensorState, reading: Any, sent: Array) -> SensorState:
-        """Return the state after a reading of any kind, without raising an error.
+        """Return the state after a reading of any type; an invalid one raises no error.
 
         Args:
             state: State before the reading.
@@ -195,7 +195,7 @@ class Sensors:
         *,
         estimable: bool = False,
     ) -> "Sensors":
-        """Return the states after a measurement of any kind, without raising an error.
+        """Return the states after a measurement of any type; invalid readings raise no error.
 
         Args:
             measurement: Object with the attributes of a :class:`ftc.Measurement`.

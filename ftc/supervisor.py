@@ -16,7 +16,7 @@ from ftc.fdi.bank import Cause
 from ftc.fdi.decision import EFFECTIVENESS_STEP
 from ftc.fdi.diagnosis import Diagnosis
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import Fault, NominalModel, static_share
+from ftc.fdi.fault_model import Fault, NominalModel, actuator_name, static_share
 from ftc.fdi.monitor import Monitor, MonitorState
 from ftc.fdi.observer import LEARNING_S
 from ftc.reconfiguration import (
@@ -58,7 +58,7 @@ class SupervisorState(NestedState):
         task_lost: Whether the remaining actuators cannot do the major task, by confirmed diagnoses;
             the controller then continues unchanged.
         withdrawn: Withdrawn diagnoses and the ticks of their withdrawal.
-        acted: Diagnoses that changed the controller in use.
+        acted: Diagnoses that caused a change of the controller.
         references: Recent references of the major task, one for each sample of the diagnosis,
             newest first.
         feedforward: Recent feedforward demands in the same order; empty: none were given.
@@ -89,7 +89,7 @@ class SupervisorState(NestedState):
         parts = [failed or "all actuators are assumed healthy"]
         current = monitor_state.diagnosis
         if current is not None and current.fault.is_healthy:
-            parts.append(f"{_name(current.fault.actuator, names)} seems to work again")
+            parts.append(f"{actuator_name(names, current.fault.actuator)} seems to work again")
         if monitor_state.relearns > 0:
             parts.append("residuals that no failure explains are learned as part of the machine")
         elif monitor_state.evidence is not None and current is None:
@@ -110,7 +110,7 @@ class SupervisorState(NestedState):
         return f"{text}."
 
     def _described(self, diagnosis: Diagnosis) -> str:
-        name = _name(diagnosis.fault.actuator, self.monitor.nominal.names)
+        name = actuator_name(self.monitor.nominal.names, diagnosis.fault.actuator)
         suffix = "" if diagnosis.confirmed else ", not yet confirmed"
         return f"{name} is {' or '.join(diagnosis.kinds)}{suffix}"
 
@@ -128,8 +128,8 @@ class SupervisorState(NestedState):
     def active_diagnoses(self) -> list[Diagnosis]:
         """Latest diagnosis of each failed actuator, confirmed or being confirmed.
 
-        An actuator that works again stays in the list until that is confirmed, so that an
-        intermittent one stays out of use.
+        An actuator that works again is listed until this is confirmed, so that an intermittent one
+        stays out of use.
         """
         latest, current = self.confirmed, self.monitor_state.diagnosis
         if current is not None and current.is_acted_on:
@@ -143,13 +143,9 @@ def explanation(cause: Cause | None, names: Sequence[str] | None = None) -> str:
     if cause is None:
         return "a slow disturbance"
     if cause.kind == "offset":
-        return f"an offset of {_name(cause.actuator, names)}"
+        return f"an offset of the command of {actuator_name(names, cause.actuator)}"
     shared = {"supply": "the gain of all commands", "scale": "the scale of all sensors"}
     return f"a change of {shared[cause.kind]}"
-
-
-def _name(actuator: int, names: Sequence[str] | None) -> str:
-    return f"actuator {actuator}" if names is None else names[actuator]
 
 
 @dataclass(frozen=True)
@@ -164,12 +160,12 @@ class Supervisor:
         task: Linear model of the healthy machine to the major task; None: the monitor's model,
             whose first outputs are the major task.
         unused: Argument `unused` of :func:`goal_after`.
-        dither: Secondary motion that separates failures; None: no dither.
+        dither: Secondary motion that makes failures distinguishable; None: no dither.
         diagnosis_outputs: Function from a measurement, the estimated pose and the diagnosed faults
             to the outputs of the monitor's model; None: the major task, then the displacements, as
             many as the model has outputs.
         estimate: Function from a measurement and the estimated pose to the major task (m1,) by the
-            encoders, used while its own sensor is lost; None: the commands are held.
+            encoders, used while the task's sensor is lost; None: the commands are then held.
         sensor_check: Check of the readings of the task; None is the default :class:`.SensorCheck`,
             which is also that of the encoders.
     """
@@ -278,9 +274,9 @@ class Supervisor:
         return replace(self, monitor=replace(self.monitor, calibration=observer))
 
     def transfer(self, state: SupervisorState | ControllerState[Any]) -> SupervisorState:
-        """Return the state with which this supervisor continues another controller without a step.
+        """Return the state with which this supervisor takes over from a controller without a step.
 
-        The diagnoses of another supervisor remain, even if its goal differs. After a controller
+        Diagnoses of a previous supervisor remain, even if its goal differs. After a controller
         without diagnosis, the monitor starts learning.
         """
         if isinstance(state, SupervisorState):

@@ -371,7 +371,7 @@ def _deviations(noise: ArrayLike, sense: Sense, rows: int, actuators: int) -> tu
     sensors, values = of_task + of_encoders, check.array("noise", noise)
     if values.shape not in ((), (sensors,)) or (values <= 1 / check.LARGEST).any():
         raise ValueError(
-            f"noise must be one positive number or {sensors}, got {check.short_repr(noise)}"
+            f"noise must be one positive number or {sensors} of them, got {check.short_repr(noise)}"
         )
     sigma = np.full(sensors, values)
     return sigma[:of_task], sigma[of_task:]
@@ -416,8 +416,8 @@ def _slowest_mode(linear: Any) -> str:
     pole, motion = _mode(linear, np.real)
     hz, decay_per_s = abs(pole) / (2 * np.pi), -pole.real
     if decay_per_s < -_DECAYS * abs(pole):
-        return f"{motion} grows by {-decay_per_s:.2g} 1/s: increase its stiffness (kp)"
-    decays = f"decays by {decay_per_s:.2g} 1/s only"
+        return f"{motion} grows at a rate of {-decay_per_s:.2g} 1/s: increase its stiffness (kp)"
+    decays = f"decays at a rate of only {decay_per_s:.2g} 1/s"
     if decay_per_s < _DECAYS * abs(pole):
         decays = "does not decay"
     return f"{motion} at {hz:.2g} Hz {decays}: damp its joints, or their servos (kv)"
@@ -431,7 +431,7 @@ def _overshooting(nominal: NominalModel, linear: Any) -> str:
         return ""
     pole, motion = _mode(linear, np.abs)
     return (
-        f"{motion} decays by {-pole.real:.2g} 1/s, and overshoots in physics steps of "
+        f"{motion} decays at a rate of {-pole.real:.2g} 1/s, and overshoots in physics steps of "
         f"{nominal.step_s:g} s: take steps of at most {1 / abs(pole):.1g} s, or an integrator that "
         "takes all dampers implicitly (implicitfast)"
     )

@@ -96,9 +96,10 @@ static void measure(const double *white, const double *regressors, int k, int p,
     }
 }
 
-bool correct(int q, int J, int p, const watched *before, const double *predicted, const double *y,
-             const double *whitening, const double *drift, double rate, double largest,
-             bool learns, double *work, const watched *after, double *residual)
+bool correct(int q, int J, int p, const observer_state *before, const double *predicted,
+             const double *y, const double *whitening, const double *drift, double rate,
+             double largest, bool learns, double *work, const observer_state *after,
+             double *residual)
 {
     int k = J + p, n = (1 + J) * p;
     double *upper = work + k * (k + 2), *regressors = upper + k * k, *white = regressors + k * p;

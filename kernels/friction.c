@@ -19,7 +19,7 @@ static void product(const double *A, int rows, int columns, const double *x, dou
 }
 
 /* Update forces f (r) to those that balance c (r) within their limits, by Gauss-Seidel. */
-static void hold(const rubbing *of, const double *c, double *f)
+static void hold(const friction_model *of, const double *c, double *f)
 {
     for (int sweep = 0; sweep < SWEEPS; sweep++) {
         double change = 0.0;
@@ -41,7 +41,7 @@ static void hold(const rubbing *of, const double *c, double *f)
 }
 
 /* Advance x (s) by a step, in place; `driven` is B u and `pulled` D u. Workspace: r + s. */
-static void rub(const rubbing *of, const double *driven, const double *pulled, double *x,
+static void rub(const friction_model *of, const double *driven, const double *pulled, double *x,
                  double *f, double *work)
 {
     double *c = work, *after = c + of->r;
@@ -58,7 +58,7 @@ static void rub(const rubbing *of, const double *driven, const double *pulled, d
     }
 }
 
-void slide(const rubbing *of, int states, const double *U, double *work, double *X)
+void slide(const friction_model *of, int states, const double *U, double *work, double *X)
 {
     int s = of->s, r = of->r;
     double *driven = work, *pulled = driven + s, *f = pulled + r, *left = f + r;
@@ -77,7 +77,7 @@ void slide(const rubbing *of, int states, const double *U, double *work, double 
  *
  * Forces at their limits remain constant. M (r, r) and pull (r, s) are workspace.
  */
-static void write_slopes(const rubbing *of, const bool *stuck, double *M, double *pull,
+static void write_slopes(const friction_model *of, const bool *stuck, double *M, double *pull,
                          double *slopes)
 {
     int s = of->s, r = of->r;
@@ -113,9 +113,9 @@ static void multiply(const double *A, const double *W, int s, double *out)
 }
 
 /* Return one of several models. */
-static rubbing model(const rubbing *of, int h)
+static friction_model model(const friction_model *of, int h)
 {
-    rubbing one = *of;
+    friction_model one = *of;
     one.A += h * of->s * of->s;
     one.B += h * of->s * (of->n + 1);
     one.G += h * of->s * of->r;
@@ -127,13 +127,13 @@ static rubbing model(const rubbing *of, int h)
     return one;
 }
 
-int sliding_room(const rubbing *of, int ticks)
+int sliding_room(const friction_model *of, int ticks)
 {
     int s = of->s, r = of->r;
     return of->n + of->p + 1 + 4 * s + 4 * r + 3 * s * s + r * (r + s + ticks * of->steps_a_tick);
 }
 
-void slide_samples(const rubbing *all, int H, int N, int rows, const bool *steps,
+void slide_samples(const friction_model *all, int H, int N, int rows, const bool *steps,
                    const double *before, const double *v, const double *lifted, int ticks,
                    int first, double spread, bool *stuck, double *work, double *X, double *outputs)
 {
@@ -145,7 +145,7 @@ void slide_samples(const rubbing *all, int H, int N, int rows, const bool *steps
     memcpy(u, v, n * sizeof *u);
     u[n] = 1.0;
     for (int h = 0; h < H; h++, lifted += s * s) {
-        rubbing of = model(all, h), weaker = of;
+        friction_model of = model(all, h), weaker = of;
         weaker.limit = other;
         product(of.B, s, n + 1, u, driven);
         product(of.D, r, n + 1, u, pulled);

@@ -3,9 +3,7 @@
  * Plain C99 on numbers and arrays: no allocation, no globals, no input or output, no library but
  * libm. Matrices are dense and row-major; a pointer without a size in its comment is a vector of
  * the size that the comment names. Non-const arrays are outputs. The workspace `work` is an
- * argument, with the number of doubles stated.
- *
- * Python reads this file itself: kernels/__init__.py.
+ * argument, with the number of doubles stated. kernels/__init__.py parses this file.
  */
 #ifndef KERNELS_H
 #define KERNELS_H
@@ -28,40 +26,39 @@ void recur(int n, int64_t steps, const double *A, const double *sources, double 
 
 /* friction.c */
 
-/* Physics steps of models with dry friction, whose arrays follow one another: s states, r friction
- * contacts, n inputs, p outputs. See ftc.fdi.fault_model for the fields. */
+/* Physics steps of models with dry friction: s states, r friction contacts, n inputs, p outputs.
+ * Arrays of several models are stacked. The fields are those of ftc.fdi.fault_model.DryFriction. */
 typedef struct {
     int s, r, n, p, steps_a_tick;
     const double *A, *B, *G, *E, *D, *K, *limit, *C;
-} rubbing;
+} friction_model;
 
 /* Advance states X (states, s) of one model by a control tick with inputs U (states, n + 1). In
  * each step the friction forces f minimize f'K f / 2 + f'c within their limits, by projected
  * Gauss-Seidel, and x' = A x + B u + G f. Workspace: 2 s + 3 r. */
-void slide(const rubbing *of, int states, const double *U, double *work, double *X);
+void slide(const friction_model *of, int states, const double *U, double *work, double *X);
 
 /* Add friction to samples of `ticks` ticks computed without it, for H models and N onsets.
  *
- * `before` and X (H, N, rows, s) are the states before and after, `outputs` (H, N, rows, p) those
- * of the sample: of the model in the first row, first-order deviations in the others. Rows from
- * `first` on are the effect of reducing each limit in turn by `spread`, zero where there is none.
- * `lifted` (H, s, s) is the state transition without friction. The first n entries of v are used.
- * Workspace: r for `stuck`, sliding_room for `work`.
- */
-int sliding_room(const rubbing *of, int ticks);
-void slide_samples(const rubbing *all, int H, int N, int rows, const bool *steps,
+ * `before` and X (H, N, rows, s) are the states before and after the sample, `outputs` (H, N, rows,
+ * p) its outputs: of the model in the first row, first-order deviations in the others. With a
+ * `spread`, row `first` + k is the effect of reducing limit k by this fraction. `lifted` (H, s, s)
+ * is the state transition without friction. The first n entries of v are used. Workspace: r for
+ * `stuck`, sliding_room for `work`. */
+int sliding_room(const friction_model *of, int ticks);
+void slide_samples(const friction_model *all, int H, int N, int rows, const bool *steps,
                    const double *before, const double *v, const double *lifted, int ticks,
                    int first, double spread, bool *stuck, double *work, double *X, double *outputs);
 
 /* segments.c */
 
-/* Write the Mahalanobis distance (H, E) of each point (H, d) from each segment, starts + t ways (E,
- * d), t in 0..1. The covariance is own + other, of (H, d, d) and (E, d, d), or of `one` for all. By
- * Cholesky factors, which take half the work of a general solution with forward substitution only.
- */
+/* Write the Mahalanobis distance (H, E) of each point (H, d) from each segment, starts + t spans
+ * (E, d), t in 0..1. The covariance is own (H, d, d) + other (E, d, d); with `one`, that of the
+ * first pair for all. Cholesky factors and forward substitution take half the work of a general
+ * solver. */
 int segments_room(int d);
 void to_segments(int H, int E, int d, const double *points, const double *starts,
-                 const double *ways, const double *own, const double *other, bool one,
+                 const double *spans, const double *own, const double *other, bool one,
                  double *work, double *distance);
 
 /* detection.c: observer update per sample, for q residuals, J errors, p outputs; k = J + p */
@@ -70,29 +67,31 @@ void to_segments(int H, int E, int d, const double *points, const double *starts
  * which leave it lower triangular; workspace: 2 k (k + 1). */
 void spread_root(const double *root, const double *deviations, int k, double *work, double *after);
 
-/* State of an observer: residuals and regressors (q, 1 + J, p); mean (k) of the parameters, and the
- * root (k, k) of their covariance; latest residuals (q, p), their covariance by lag (q, p). */
+/* State of an observer: memory of residuals and regressors (q, 1 + J, p); mean (k) of the
+ * parameters and root (k, k) of their covariance; recent residuals (q, p) and their covariance by
+ * lag (q, p). */
 typedef struct {
     double *memory, *mean, *root, *recent, *covariance;
-} watched;
+} observer_state;
 
 /* Update the state by a sample y (p) and write its innovation: Observer.step.
  *
  * `predicted` (1 + J, p) are the model's outputs and their derivatives by each error, `drift` (k)
  * standard deviations of steps of the parameters, `rate` the weight of this sample in the
  * covariance, `largest` the greatest sum of squares of an innovation that updates the parameters.
- * Returns whether it did; if not, only the memory is valid. Workspace: k (2 k + p + 2) + p.
- */
-bool correct(int q, int J, int p, const watched *before, const double *predicted, const double *y,
-             const double *whitening, const double *drift, double rate, double largest,
-             bool learns, double *work, const watched *after, double *residual);
+ * Returns whether they were updated; if not, only the memory is valid. Workspace: k (2 k + p + 2) +
+ * p. */
+bool correct(int q, int J, int p, const observer_state *before, const double *predicted,
+             const double *y, const double *whitening, const double *drift, double rate,
+             double largest, bool learns, double *work, const observer_state *after,
+             double *residual);
 
 /* Write the weights (q) of the latest samples, newest first, of the best linear prediction of the
  * next one, by the Levinson-Durbin recursion, from autocovariances (q + 1). */
 void predict(const double *covariance, int q, double *weights);
 
-/* Return the window of ResidualTest.alarm, or 0, for M residuals and M samples of the swing (M, 2),
- * which is NULL without a dither; workspace: 3 p. */
+/* Return the window of ResidualTest.alarm, or 0 without an alarm, for M residuals and the carrier
+ * `swing` (M, 2), which is NULL without a dither; workspace: 3 p. */
 int alarming(int M, int p, const double *recent, const double *swing, int shortest,
              double threshold, double demodulated_threshold, double *work);
 
@@ -105,8 +104,9 @@ void advance_models(int H, int K, int rows, int s, int p, int r, const bool *ste
                     const double *alone, const double *driven, const int64_t *spans,
                     const double *v, const double *age, double *work, double *X, double *outputs);
 
-/* Memory (H, K, q, (5 + J) p); sums of products of R = J + p + 4 whitened regressors, lower
- * triangle by rows; of these with the residuals (H, K, R); and of the residuals (H, K). */
+/* Memory (H, K, q, (5 + J) p) of residuals and regressors; sums of products of R = J + p + 4
+ * whitened regressors, lower triangle by rows; of regressors and residuals (H, K, R); and of the
+ * residuals (H, K). */
 typedef struct {
     double *memory, *information, *score, *energy;
 } evidence;
@@ -139,17 +139,17 @@ void integrate_out(int count, int R, const double *information, const double *sp
 typedef struct {
     const double *counts;                               /* factor of a gap of each equality */
     const double *xmat, *xpos, *base_xmat, *R_0, *p_0;  /* as of seen_from */
-    int drives, at_joints;                              /* n, and how many are joints */
-    const int64_t *joints, *places;   /* these, and their addresses in qpos */
-    const int64_t *others, *outputs;  /* the others, and their indices in the lengths */
-    const double *gear, *nominal;     /* of the others, and nominal drive positions (n) */
+    int drives, at_joints;           /* n, and how many drives act on joints */
+    const int64_t *joints, *places;  /* numbers of these drives, and addresses in qpos */
+    const int64_t *others, *outputs; /* numbers of the other drives, and indices in `lengths` */
+    const double *gear, *nominal;    /* gears of the other drives, nominal drive positions (n) */
     const double *qpos, *lengths, *forces;
-    int kept_qpos, kept_forces;  /* numbers of logged values */
+    int logged_qpos, logged_forces; /* numbers of logged values */
     double *rotation, *translation_m, *task, *displacement, *closure_residual_m;
     double *all_qpos, *all_forces;
 } observation;
 
-/* Conversion of numbers: times a factor, rounded if whole, within limits; times a gain. */
+/* Conversion y = gain clip(factor x, lower, upper), with factor x rounded if `whole`. */
 typedef struct {
     double factor, lower, upper, gain;
     bool whole;
@@ -171,9 +171,9 @@ void seen_from(const double *xmat, const double *xpos, const double *base_xmat, 
 double largest_gap(const double *gaps, const int32_t *owners, const double *counts, int rows);
 /* Return the largest of the gaps times their units; NaN if one is NaN. */
 double largest(const double *gaps, const double *units, int count);
-/* Evaluate rows of J (., velocities) for pairs of anchors at their midpoints. Three of `points`
- * (count) belong to each pair, whose gap is D; a joint about an axis (velocities, 6) that carries
- * one or two of its bodies, (count, velocities), moves it by half of D x axis each. */
+/* Move the rows `points` (count) of J (., velocities), three for each pair of anchors with the gap
+ * D, to the midpoints: a joint about an axis (velocities, 6) adds half of D x axis for each body of
+ * the pair that it moves; their number is `carried` (count, velocities). */
 void at_midpoints(const double *gaps, const double *axes, int velocities, const int64_t *points,
                   int count, const double *carried, double *J);
 /* Write tick k of a log; gaps, owners and rows are those of largest_gap. Returns the angle of the
@@ -191,7 +191,7 @@ void convert(const conversion *by, int n, const double *x, double *y);
 /* argument_checks.ties.exceeds for two numbers. */
 bool exceeds(double value, double bound, double zero);
 
-/* Return whether these are a lower and an upper limit, infinite if there is none; NaN is not. */
+/* Return whether two numbers are a lower and an upper limit, infinite if there is none. */
 bool are_limits(double lower, double upper);
 
 /* Copy limits (n) to `limits` (2, n); returns whether each lower one is at most the upper one. */
@@ -229,7 +229,7 @@ typedef struct {
 
 /* Write the motion (N) that first closes the loops, J_C (c, N) motion = -gaps, where gaps beyond
  * the first g are zero; then moves the active velocities `fixed` (h) from displacements (n) to the
- * wanted ones; then minimizes the energy of the springs and the norm. Contradictory equations are
+ * desired ones; then minimizes the energy of the springs and the norm. Contradictory equations are
  * solved with least error. */
 enum { MOTION_SOLVED, MOTION_NONE, MOTION_INVALID }; /* no motion required; invalid numbers */
 int nearest_room(int c, int h, int s, int N);
@@ -244,7 +244,7 @@ void canonical_bases(int count, int N, int k, double *remaining, double *bases, 
 /* tick.c */
 
 /* Levels of rows S J rates + R rates with targets T for any pose, then a minimum of |weight (rates
- * - wanted)|, optionally within the last level; all in natural units. */
+ * - desired)|, optionally within the last level; all in natural units. */
 typedef struct {
     int m, c, N, t;       /* rows of J_T, of J_C, columns of both, targets of all levels */
     int p, n;             /* passive velocities that move, rates */
@@ -256,18 +256,18 @@ typedef struct {
     const double *S;      /* (k, m) */
     const double *R;      /* (k, n), or nothing */
     const double *D;      /* (d, m) */
-    const double *T;      /* of the rows and of the wanted rates, (k + n, t) */
+    const double *T;      /* targets of the rows and of the desired rates, (k + n, t) */
     const double *weight;   /* (n,), or nothing: |rates| is least, and T has k rows */
     const double *damping;  /* of each level, (levels,), or nothing */
     const double *sizes;    /* 2-norm of S of each level, then of S and D, (levels + 1,) */
     const double *on_rates; /* of R of each level, times the uncertain fraction, (levels,) */
     const int32_t *ends;    /* of each level in S, (levels,) */
     double error_C, error_T; /* size of the errors of J_C and J_T per bound of them */
-    double doubt; /* fraction of J_C and of J up to which a singular value may be zero */
+    double doubt; /* a singular value up to this fraction of J_C or J may be zero */
     const double *task_units, *loop_units, *velocity_units; /* natural units, (m), (c), (N) */
 } tick_plan;
 
-/* Solved; a rank is uncertain, or limits and loops are contradictory; a number is invalid. */
+/* Solved; not solved, because a rank is uncertain or limits contradict loops; invalid numbers. */
 enum { TICK_SOLVED, TICK_IN_DOUBT, TICK_REFUSED };
 
 /* Write all velocities x (N), zero if stuck or idle, from J_T (m, N), J_C (c, N), targets (t),
@@ -285,7 +285,7 @@ int tick_solve(const tick_plan *plan, const double *J_T, const double *J_C, cons
 /* States of unknowns: at a bound or free. */
 enum { LEXICOGRAPHIC_LOWER = -1, LEXICOGRAPHIC_FREE = 0, LEXICOGRAPHIC_UPPER = 1 };
 
-/* Minimize |A_k x - b_k|, level by level, then |weight (x - wanted)|, for lower <= x <= upper. */
+/* Minimize |A_k x - b_k|, level by level, then |weight (x - desired)|, for lower <= x <= upper. */
 typedef struct {
     int count;             /* problems of one shape */
     int n, levels;         /* unknowns, levels */
@@ -305,7 +305,7 @@ int64_t lexicographic_room(const lexicographic_problem *p);
 
 /* Solve a batch of problems: A (matrices, rows, n), b (count, rows), scales (matrices, levels), the
  * size of the matrices that each level was computed from, or NULL for its norm; limits (bounds, 2,
- * n), lower and upper; with weights wanted (count, n); x and state (count, n). Writes a report
+ * n), lower and upper; with weights desired (count, n); x and state (count, n). Writes a report
  * (count, 4) of each problem: steps of the active set; 1 if every level was solved within them, -1
  * if numbers are not finite, too large, or too small for a norm; the smallest gap of the rank
  * decisions without bounds, and of those with active bounds. Writes the ranks (count, levels) after
@@ -327,8 +327,8 @@ typedef struct {
     const double *S;       /* major, then secondary directions, (m1 + m2, m) */
 } problem1;
 
-/* Solved; a major direction may be unreachable (if `clear` is not zero), or the active set did not
- * converge; a number is not finite or too large. */
+/* Solved; not solved, because a major direction may be unreachable (if `clear` is not zero) or the
+ * active set did not converge; a number is not finite or too large. */
 enum { PROBLEM1_SOLVED, PROBLEM1_IN_DOUBT, PROBLEM1_REFUSED };
 
 /* Write the rates x (count, n) for J (jacobians, m, n), the sizes against which ranks are decided
@@ -341,7 +341,7 @@ int problem1_solve(const problem1 *p, const double *J, const double *sizes, cons
                    const double *w2, const double *v, const double *rates_d, const double *v_s,
                    const double *limits, double *work, double *x);
 
-/* struts.c: the hexapod */
+/* struts.c: kinematics of the hexapod */
 
 /* Nodes of the struts at the nominal pose, (6, 3) each, and their lengths there, (6). */
 typedef struct {

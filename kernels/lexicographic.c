@@ -34,7 +34,7 @@ typedef struct {
     int turned;         /* reflections that determine them: not those of a norm within a level */
     double least;       /* singular values of a level up to this one are zero */
     double slow, fast;  /* range of weights by which unknowns are scaled */
-    bool doubt;         /* whether these hide a rank deficiency */
+    bool doubt;         /* whether the weights hide a rank deficiency */
     double blur;        /* angle by which neglected values may rotate the null space */
     double *gap;        /* smallest gap of a rank decision: see `gaps` */
     double gaps[2];     /* of the levels without bounds, and with active ones */
@@ -716,8 +716,8 @@ typedef struct {
     int8_t *state;
 } scaled_t;
 
-/* Solve with u = weight (x - wanted) in place of x, whose norm is |u|; returns false if that hides
- * a rank deficiency, else `ended` is whether every level was solved. */
+/* Solve for u = weight (x - desired), whose norm is least; returns false if the weights hide a rank
+ * deficiency, else `ended` is whether every level was solved. */
 static bool measured(work_t *w, problem_t p, const double *weight, const double *desired,
                      const scaled_t *scaled, bool warm, double *x, int8_t *state, bool *ended)
 {
@@ -746,8 +746,8 @@ static bool measured(work_t *w, problem_t p, const double *weight, const double 
     return !w->doubt;
 }
 
-/* Solve with the rows of |weight (x - wanted)| written out, within the last level or after it; then
- * |x| is minimized. */
+/* Solve with the rows of |weight (x - desired)| written out, within the last level or after it;
+ * then |x| is minimized. */
 static bool written_out(work_t *w, problem_t p, const double *weight, const double *desired,
                         const scaled_t *scaled, bool warm, double *x, int8_t *state)
 {

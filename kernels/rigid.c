@@ -167,10 +167,10 @@ double observe(const observation *log, int k, const double *gaps, const int32_t 
         displacement[own] = log->lengths[log->outputs[i]] / log->gear[i] - log->nominal[own];
     }
     log->closure_residual_m[k] = largest_gap(gaps, owners, log->counts, rows);
-    for (int i = 0; i < log->kept_qpos; i++)
-        log->all_qpos[k * log->kept_qpos + i] = log->qpos[i];
-    for (int i = 0; i < log->kept_forces; i++)
-        log->all_forces[k * log->kept_forces + i] = log->forces[i];
+    for (int i = 0; i < log->logged_qpos; i++)
+        log->all_qpos[k * log->logged_qpos + i] = log->qpos[i];
+    for (int i = 0; i < log->logged_forces; i++)
+        log->all_forces[k * log->logged_forces + i] = log->forces[i];
     return displacements(1, log->rotation + 9 * k, log->translation_m + 3 * k, log->task + 6 * k);
 }
 

@@ -36,7 +36,7 @@ static void factor(const double *P, const double *Q, int64_t next, int d, double
 /* Write the distances (LANES) of a point (d) from segments that are `next` numbers apart. */
 WIDE
 static void distances(const double *L, int d, const double *point, const double *starts,
-                      const double *ways, int64_t next, double *a, double *b, double *distance)
+                      const double *spans, int64_t next, double *a, double *b, double *distance)
 {
     double aa[LANES] = {0.0}, ab[LANES] = {0.0}, bb[LANES] = {0.0};
     for (int i = 0; i < d; i++) {
@@ -44,7 +44,7 @@ static void distances(const double *L, int d, const double *point, const double 
         double from_start[LANES], along[LANES];
         for (int l = 0; l < LANES; l++) {
             from_start[l] = point[i] - starts[l * next + i];
-            along[l] = ways[l * next + i];
+            along[l] = spans[l * next + i];
         }
         for (int k = 0; k < i * LANES; k += LANES)
             for (int l = 0; l < LANES; l++) {
@@ -79,7 +79,7 @@ int segments_room(int d)
 }
 
 void to_segments(int H, int E, int d, const double *points, const double *starts,
-                 const double *ways, const double *own, const double *other, bool one,
+                 const double *spans, const double *own, const double *other, bool one,
                  double *work, double *distance)
 {
     double *L = work, *a = L + d * d * LANES, *b = a + d * LANES, found[LANES];
@@ -90,7 +90,7 @@ void to_segments(int H, int E, int d, const double *points, const double *starts
             int k = e + step <= E ? e : E - step; /* overlaps the previous lanes at the end */
             if (!one || (h == 0 && e == 0))
                 factor(own + h * d * d, other + k * d * d, one ? 0 : next * d * d, d, L);
-            distances(L, d, points + h * d, starts + k * d, ways + k * d, next * d, a, b, found);
+            distances(L, d, points + h * d, starts + k * d, spans + k * d, next * d, a, b, found);
             memcpy(distance + h * E + k, found, (size_t)step * sizeof *found);
         }
 }

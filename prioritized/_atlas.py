@@ -31,7 +31,7 @@ MOST_ACTUATORS = 10
 
 @dataclass(frozen=True, eq=False)
 class Classes(ReadOnly):
-    """Classification of C failure conditions, the first axis of all arrays.
+    """Classification of C failure conditions, one in each row of all arrays.
 
     The flags are those of :class:`prioritized.Manipulability`.
 
@@ -53,7 +53,7 @@ class Classes(ReadOnly):
             possible. None without limits.
         worst_force: Remaining major force in the worst direction within the `torque_limits`, the
             radius of :meth:`prioritized.Kinematics.attainable_force`; infinite where the structure
-            bears all. None without limits.
+            bears every major force. None without limits.
     """
 
     possible: Mask
@@ -74,7 +74,7 @@ class Classes(ReadOnly):
 
     @property
     def worst_gain(self) -> Array:
-        """Least of the gains, shape (C,); zero if unreachable, infinite without major rows."""
+        """Least gain of each condition, (C,); zero if unreachable, infinite without major rows."""
         return self.gains.min(axis=1, initial=np.inf)
 
 
@@ -115,7 +115,8 @@ class FailureAtlas(Classes):
         condition[sorted(release)] = FREE
         matches = np.flatnonzero((self.codes == condition).all(axis=1))
         if not matches.size:
-            raise ValueError(f"the atlas holds no condition {condition.tolist()}")
+            failures = Failures(lock, release).describe(self.actuator_names, ())
+            raise ValueError(f"locked and free must be in codes of the atlas, got {failures}")
         return int(matches[0])
 
 
@@ -132,8 +133,8 @@ def failure_atlas(
 
     The loops are eliminated once; each condition is then a small problem in the motions that they
     admit. The result equals `system.with_failures(...).kinematics().manipulability(major)` of each
-    condition, including the rank decisions. Efficient for few degrees of freedom: for a hundred it
-    is faster to classify one condition after the other.
+    condition, including the rank decisions. This is efficient for few degrees of freedom: with a
+    hundred, classifying one condition after the other is faster.
 
     Args:
         system: The mechanism; failures it already has are part of every condition.
@@ -184,7 +185,7 @@ def failure_atlas(
 def _conditions(codes: ArrayLike | None, n: int) -> NDArray[np.int8]:
     if codes is None:
         if n > MOST_ACTUATORS:
-            raise ValueError(f"codes must be given for more than {MOST_ACTUATORS} actuators: {n}")
+            raise ValueError(f"codes must be given for {n} actuators, more than {MOST_ACTUATORS}")
         return np.array(list(itertools.product((HEALTHY, LOCKED, FREE), repeat=n)), dtype=np.int8)
     listed = check.array("codes", codes, None, n)
     if (strange := listed[~np.isin(listed, (HEALTHY, LOCKED, FREE))]).size:
@@ -200,7 +201,9 @@ def _limits(
         return None
     lower, upper = check.limits(name, value, shape[1], batch=True)
     if lower.shape not in ((), shape[1:], shape):
-        raise ValueError(f"{name} must be of shape {shape[1:]} or {shape}, got {lower.shape}")
+        raise ValueError(
+            f"{name} must be two numbers or of shape {shape[1:]} or {shape}, got {lower.shape}"
+        )
     return np.broadcast_to(lower * units, shape), np.broadcast_to(upper * units, shape)
 
 

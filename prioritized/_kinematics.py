@@ -36,10 +36,10 @@ from prioritized._solver.rank import RANK_TOLERANCE
 class Kinematics:
     """Kinematics of a mechanism in terms of its surviving active joints, eqs. (6) to (17).
 
-    Created by :meth:`prioritized.ConstrainedSystem.kinematics`. Arrays are read-only and computed
-    when first used, in natural units, so that no rank and no least norm depends on the unit of
-    length; the attributes of this class are in the units of J_T and J_C. Of N velocities n have
-    actuators, q of which failed; s joints are stuck.
+    Created by :meth:`prioritized.ConstrainedSystem.kinematics`. Arrays are read-only, computed when
+    first used, and in the units of J_T and J_C; internally lengths are in units of the mechanism's
+    length, so that no rank and no least norm depends on the unit. Of N velocities n have actuators,
+    q of which failed; s joints are stuck.
 
     Attributes:
         system: The mechanism with its joints partitioned by their role.
@@ -142,10 +142,10 @@ class Kinematics:
 
     @property
     def closure_condition(self) -> float:
-        """Condition number of the closure J_Cp on its rank; 1 without loops.
+        """Condition number of J_Cp, the passive columns of J_C, on its rank; 1 without loops.
 
-        It bounds the amplification of geometric errors in the passive rates. In natural units where
-        the mechanism defines them; otherwise it depends on the units of J_C.
+        It bounds the amplification of geometric errors in the passive rates. Unless the mechanism
+        defines natural units, it depends on the units of J_C.
         """
         return self._reduced.closure_condition
 
@@ -207,13 +207,13 @@ class Kinematics:
         return f_C + tau @ self._internal_gain.T
 
     def manipulability(self, major: Sequence[int] | ArrayLike) -> Manipulability:
-        """Evaluate the conditions of section 2.2 for a major task, with bases, gaps and sentences.
+        """Evaluate the conditions of section 2.2 of the paper for a major task.
 
         Args:
             major: Task rows of the major task, or a matrix of directions (m1, m).
 
         Raises:
-            ValueError: A row out of range or repeated.
+            ValueError: A row is out of range or repeated.
         """
         S_m, S_s = task_selection(major, None, len(self.J))
         aliases = {
@@ -223,7 +223,7 @@ class Kinematics:
         return Manipulability(self._reduced.major(S_m, S_s), partial(getattr, self), aliases)
 
     def _aliases(self, velocities: Indices) -> Aliases:
-        """Return the names of these velocities, as used by the system."""
+        """Return the names of these velocities in the system."""
         aliases = list(velocity_aliases(self.names, self.system.J_T.shape[1]))
         actuated = self.system.joints.actuated
         for i, names in zip(actuated, actuator_aliases(self.names, actuated), strict=True):

@@ -19,8 +19,8 @@ from prioritized._solver.arrays import apply, read_only, transposed
 class Postures:
     """Kinematics of a mechanism with the same failures at a batch of postures.
 
-    Created by :meth:`prioritized.ConstrainedSystem.postures`; each posture has the results that it
-    has alone. Arrays are read-only and computed when first used; their leading axes (...) are those
+    Created by :meth:`prioritized.ConstrainedSystem.postures`; the results equal those of single
+    postures. Arrays are read-only and computed when first used; their leading axes (...) are those
     of the batch. Of N velocities n have actuators, q of which failed.
 
     Attributes:

@@ -43,10 +43,10 @@ class ConstrainedSystem:
         active: Velocity indices of the n actuated joints, in actuator order.
         rank_tolerance: Singular values below this fraction of the scale of J_T and J_C are zero.
         stiffness: K of the joint springs, shape (N, N), or None for a rigid mechanism.
-        failures: Failed joints, see :meth:`with_failures`.
+        failures: Failed actuators and stuck joints, see :meth:`with_failures`.
         names: Names of joints and actuators, or None.
         geometry_accuracy: Accuracy of J_T and J_C [rad, or relative length], or None.
-        accuracy: Accuracy of each entry, and natural units, or None.
+        accuracy: Error bounds of the entries of J_T and J_C, and natural units, or None.
     """
 
     J_T: Array
@@ -147,10 +147,10 @@ class ConstrainedSystem:
         free: Iterable[int | str] = (),
         locked_passive: Iterable[int | str] = (),
     ) -> "ConstrainedSystem":
-        """Return the same mechanism after (further) failures, section 2.3.
+        """Return the mechanism with further failures, section 2.3 of the paper.
 
         Repeating a failure changes nothing. A later lock overrides free: a free actuator may still
-        jam. A linear actuator that locks when it loses torque (the paper's footnote 1) is locked.
+        jam. State a linear actuator that locks when it loses its force (footnote 1) as locked.
 
         Args:
             locked: Actuators whose position is stuck (position failure): numbers, names of
@@ -174,12 +174,12 @@ class ConstrainedSystem:
         """Return the same mechanism with the same failures at another pose.
 
         Both Jacobians must be evaluated with closed loops, as after `sim.assemble`. The accuracy is
-        carried over from the first pose, its entries spread over rows of the same unit; where it
-        comes from a model, use :meth:`at_pose` to update it.
+        carried over from the first pose: each entry gets the largest error of its column in rows of
+        the same unit. With a model, use :meth:`at_pose` to update it.
 
         Args:
-            J_T: Task Jacobian at that pose, of the same shape as before; None is unchanged.
-            J_C: Constraint Jacobian at that pose, with any number of rows; None is unchanged.
+            J_T: Task Jacobian at that pose, shape (m, N); None: unchanged.
+            J_C: Constraint Jacobian at that pose, with any number of rows; None: unchanged.
         """
         (m, N), poses = self.J_T.shape, {}
         if J_T is not None:
@@ -192,14 +192,10 @@ class ConstrainedSystem:
         return self._changed(**poses)
 
     def at_pose(self, mechanism: Mechanism) -> "ConstrainedSystem":
-        """Return the system with the Jacobians and accuracy of a mechanism that was read again.
+        """Return the system with the Jacobians and accuracy of the mechanism at another pose.
 
         Args:
-            mechanism: Mechanism as for :meth:`of`, with the same velocities and task rows.
-
-        Raises:
-            TypeError: The mechanism has no J_T or J_C.
-            ValueError: A Jacobian is invalid, see :meth:`at`.
+            mechanism: Object as for :meth:`of`, with the same velocities and task rows.
         """
         check.attributes("mechanism", mechanism, "J_T", "J_C")
         system, accuracy = self.at(mechanism.J_T, mechanism.J_C), accuracy_of(mechanism)
@@ -254,9 +250,9 @@ class ConstrainedSystem:
         Args:
             passive_metric: M, diagonal (N,) or symmetric positive semidefinite (N, N). Self-motion
                 leaves the passive rates undetermined; the ones that minimize theta_dot^T M
-                theta_dot are chosen. None is the identity in natural units, where 1 rad of a hinge
-                is equivalent to the mechanism's own length of a slide; the mass matrix gives the
-                motion of a frictionless machine that starts from rest.
+                theta_dot are chosen. None is the identity, with rates of hinges in rad/s and of
+                slides in mechanism lengths/s; the mass matrix gives the motion of a frictionless
+                machine that starts from rest.
         """
         metric = _metric("passive_metric", passive_metric, self.J_T.shape[1])
         springs = (

@@ -23,24 +23,24 @@ class ModelError(ValueError):
 
 
 class ClosureError(ModelError):
-    """Error for an equality, or a held or pinned element, whose gap [m] or [rad] stays open."""
+    """Error for a closure, or a held or pinned element, whose gap does not close."""
 
-    def __init__(self, equality: str, gap: float, advice: str) -> None:
-        """Take the name of the open element, its gap [m] or [rad], and advice."""
-        super().__init__(equality, gap, advice)  # so that it survives pickling
-        self.equality, self.gap, self.advice = equality, gap, advice
+    def __init__(self, equality: str, gap: float, unit: str, advice: str) -> None:
+        """Take the name of the open element, its gap in "m" or "rad", and advice."""
+        super().__init__(equality, gap, unit, advice)  # so that it survives pickling
+        self.equality, self.gap, self.unit, self.advice = equality, gap, unit, advice
 
     def __str__(self) -> str:
-        return f"{self.equality} is open by {self.gap:.3g} (m or rad): {self.advice}"
+        return f"{self.equality} is open by {self.gap:.3g} {self.unit}: {self.advice}"
 
 
 class SimulationDiverged(RuntimeError):
     """Error for a simulation that produced, or was given, numbers that MuJoCo does not accept.
 
     Attributes:
-        time_s: Simulated time at which it was noticed.
+        time_s: Simulated time of its detection [s].
         state: Last finite state at a control period (mjSTATE_INTEGRATION), for a restart.
-        what: Description of what happened.
+        what: What happened, as the rest of a sentence on the simulation.
     """
 
     def __init__(self, time_s: float, state: Array, what: str = "became non-finite") -> None:

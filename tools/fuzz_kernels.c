@@ -292,8 +292,8 @@ static void fuzz_detection(void)
 {
     const int q = size(1, 3), J = size(0, 2), p = size(1, 3), k = J + p, n = size(0, 4);
     const int rows = (1 + J) * p, M = size(1, 40);
-    const watched of = {usual(q * rows), usual(k), usual(k * k), usual(q * p), usual(q * p)};
-    const watched after = {room(q * rows), room(k), room(k * k), room(q * p), room(q * p)};
+    const observer_state of = {usual(q * rows), usual(k), usual(k * k), usual(q * p), usual(q * p)};
+    const observer_state after = {room(q * rows), room(k), room(k * k), room(q * p), room(q * p)};
     correct(q, J, p, &of, usual(rows), numbers(p), usual(p * (q + 1)), usual(k), 0.01, number(),
             byte() & 1, room(k * (2 * k + p + 2) + p), &after, room(p));
     predict(usual(q + 1), q, room(q));
@@ -314,7 +314,7 @@ static void fuzz_friction(void)
     double *K = usual(r * r);
     for (int i = 0; i < r; i++)
         K[i * r + i] = 1.0 + fabs(K[i * r + i]);
-    rubbing of = {.s = s, .r = r, .n = n, .p = p, .steps_a_tick = size(1, 3), .K = K};
+    friction_model of = {.s = s, .r = r, .n = n, .p = p, .steps_a_tick = size(1, 3), .K = K};
     of.A = usual(s * s), of.B = usual(s * (n + 1)), of.G = usual(s * r);
     of.E = usual(r * s), of.D = usual(r * (n + 1)), of.limit = from(0.0, r), of.C = usual(p * s);
     slide(&of, states, usual(states * (n + 1)), room(2 * s + 3 * r), usual(states * s));

@@ -88,8 +88,7 @@ def circle_margin(
     """Return the margin of the circle criterion under demand limits; positive proves stability.
 
     Limits that are satisfied with least error project the demand onto a convex set. For any two
-    demands,
-    (u - w) . (u_a - w_a) >= |u_a - w_a|^2. With u = -H u_a around the loop it is therefore
+    demands, (u - w) . (u_a - w_a) >= |u_a - w_a|^2. With u = -H u_a around the loop it is therefore
     sufficient that I + H is strictly positive real: all responses to one reference then converge to
     each other (Khalil, Nonlinear Systems, 2002, section 7.1). If the demand is scaled instead
     ("scaled"), the inequality and stability hold about w = 0 only.

@@ -124,7 +124,7 @@ def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) 
     unscaled = control.tf([w**2], [1, 2 * zeta * w, w**2, 0])
     response = abs(unscaled(1j * crossover) * plant(1j * crossover))
     if not 0 < response < w**2 / ROUND_OFF:
-        raise NoResponse(f"plant must respond at {shape.crossover_hz} Hz, got a gain of {response}")
+        raise NoResponse(f"plant must respond at {shape.crossover_hz:g} Hz, got gain {response:g}")
     G = unscaled * (1 / response)
     G_d = control.c2d(control.ss(G), period_s, "tustin", prewarp_frequency=crossover)
     sampled_plant = control.c2d(plant, period_s, method="zoh")
@@ -133,7 +133,7 @@ def compensator(plant: "control.StateSpace", shape: LoopShape, period_s: float) 
     L = sampled_plant * G_d
     if np.abs(control.feedback(L, 1).poles()).max() >= 1:
         raise UnstableLoop(
-            f"shape must leave the loop stable, got a crossover of {shape.crossover_hz} Hz"
+            f"crossover_hz must leave the loop stable, got {shape.crossover_hz:g} Hz: lower it"
         )
     return Compensator(G.num[0][0], G.den[0][0], G_d.A, G_d.B, G_d.C, G_d.D, period_s)
 
@@ -192,7 +192,7 @@ def _at(
     L = sampled * control.append(*(loop.discrete for loop in loops))
     unity = control.ss([], [], [], np.eye(plant.noutputs), period_s)
     if np.abs(control.feedback(L, unity).poles()).max() >= 1:
-        raise UnstableLoop(f"shape must leave the loops stable together, got {hz:.3g} Hz")
+        raise UnstableLoop(f"crossover_hz must leave the loops stable together, got {hz:.3g} Hz")
     return loops, sensitivity_peak(L)
 
 

@@ -51,7 +51,7 @@ class LocalGeometry:
         self._J = system.kinematics().J
 
     def jacobians(self, pose: Array) -> ConstrainedSystem:
-        """Return the mechanism itself: its Jacobians are constant."""
+        """Return the linearized mechanism, whose Jacobians are constant."""
         return self.system
 
     def twist(self, pose: Array, displacements: Array) -> Array:
@@ -59,7 +59,7 @@ class LocalGeometry:
         return self._J @ displacements
 
     def moved(self, pose: Array, displacements: Array) -> Array:
-        """Return the twist (m,) for displacements (n,)."""
+        """Return the pose, a twist (m,), for displacements (n,)."""
         return self._J @ displacements
 
 

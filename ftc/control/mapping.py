@@ -194,7 +194,7 @@ class PrioritizedMapping(Generic[Pose]):
         self.actuators = n = len(geometry.system.active)
         check.instance("goal", goal, Goal).of(n)
         if form == "gauss_newton" and task is None:
-            raise ValueError("task must be given in gauss_newton form, got None")
+            raise ValueError('task must be given with form "gauss_newton", got None')
         if form == "incremental" and any(goal.locked_at.values()):
             raise ValueError(
                 f'form must be "absolute" or "gauss_newton" with an actuator locked off centre, '
@@ -337,7 +337,7 @@ class PrioritizedMapping(Generic[Pose]):
         target = reference[self._surviving]
         if self.form == "incremental":
             if last is None:
-                raise ValueError("last must be given in incremental form, got None")
+                raise ValueError('last must be given with form "incremental", got None')
             change = target - last.secondary_reference[self._surviving]
             here = last.displacements[self._surviving]
             return _Step(here, demand - last.demand, change, change, self._still_secondary)
@@ -346,7 +346,7 @@ class PrioritizedMapping(Generic[Pose]):
             if self._is_off_centre:  # a locked actuator displaces the task by J[:, k] l_k
                 task = self._model.twist(pose, self._known_displacements)
         elif commanded is None or self._task is None:
-            raise ValueError("commanded must be given in gauss_newton form, got None")
+            raise ValueError('commanded must be given with form "gauss_newton", got None')
         else:
             here = _vector("commanded", commanded, self.actuators)[self._surviving]
             task = self._task(pose)
@@ -391,7 +391,7 @@ class PrioritizedMapping(Generic[Pose]):
         return self._model.twist(pose, displacements)[self._major]
 
     def reached(self, pose: Pose) -> Array:
-        """Return the major task (m1,) at a pose; the mapping must have `task` coordinates."""
+        """Return the major task (m1,) at a pose; requires the mapping's argument `task`."""
         if self._task is None:
             raise ValueError("task must be given for the task at a pose, got None")
         return self._task(pose)[self._major]
@@ -415,7 +415,7 @@ class PrioritizedMapping(Generic[Pose]):
     def estimate(self, displacements: Array, pose: Pose) -> Pose:
         """Return the pose for commanded displacements (n,), starting from the pose a tick before.
 
-        The secondary task has no sensor. The major task is estimated from the commands, too, so
+        The secondary task has no sensor; the major task is estimated from the commands as well, so
         that the estimate contains no sensor noise.
         """
         if self.goal.locked_at:  # the previous mapping may still have commanded it

@@ -31,8 +31,8 @@ further unknown parameter, in which the outputs are linearized."""
 
 PART_SPREAD = LOST[0] / np.sqrt(12)
 ONSET_SPREAD = 1 / np.sqrt(12)
-"""Standard deviations of a uniform variable within a cell: of the lost fraction, a quarter wide,
-and of the onset, one sample wide, the resolution of the averaged outputs."""
+"""Standard deviation of a uniform variable in a cell, in cell widths. A cell of the lost fraction
+is a quarter wide, one of the onset a sample, the resolution of the averaged outputs."""
 
 LEAST_LOST = 0.02
 """Smallest lost fraction of a failure: standard deviation of a healthy actuator's gain."""
@@ -60,8 +60,8 @@ Models = Callable[[Sequence[Fault]], UncertainModel]
 class Cause:
     """Sudden change of the outputs that is not a failure and needs no other mapping.
 
-    It is an offset of one actuator, constant or growing, a common change of the gain of all
-    commands (supply), or of all sensors (scale).
+    It is an offset of one actuator's command, constant or growing, or a common change of the gain
+    of all commands (supply) or of all sensors (scale).
     """
 
     kind: Literal["offset", "supply", "scale"]
@@ -295,9 +295,6 @@ def hypothesis_bank(
     """Make the hypotheses of a mechanism with known faults, for samples of `ticks` ticks.
 
     Weak actuators may get weaker, lock or become free.
-
-    Raises:
-        ValueError: All actuators have failed.
     """
     k = nominal.plant.nstates // 2
     push, rows = nominal.plant.B[k:], nominal.displacement[:, :k]
@@ -334,7 +331,7 @@ def _models(nominal: NominalModel, uncertainty: Uncertainty, ticks: int) -> Mode
 
 
 def _remaining_effectiveness(faults: Sequence[Fault], n: int) -> Array:
-    """Return the remaining effectiveness (n,) of actuators with these faults."""
+    """Return the remaining effectiveness (n,) of actuators with these faults, not all zero."""
     remaining = np.ones(n)
     for fault in of_actuators(faults, n):
         remaining[fault.actuator] = fault.effectiveness if fault.kind == "weak" else 0.0
@@ -357,9 +354,6 @@ def bank_of(
     `lock_displacement` (n, s) is the change of the state if an actuator locks further out by one
     standard deviation of output noise. `command`, `supply` and `scale` of `disturbances` may occur
     in addition to failures.
-
-    Raises:
-        ValueError: All actuators have failed.
     """
     remaining = _remaining_effectiveness(faults, n)
     next_faults, causes = _next_faults(faults, remaining), _causes(remaining, disturbances)

@@ -11,9 +11,9 @@ from ftc.fdi.bank import EXTRA, LEAST_LOST, PART_SPREAD, Cause, Evidence, Hypoth
 from ftc.fdi.fault_model import KINDS, Fault
 
 LARGEST_INFLATION = 30.0
-"""Largest ratio of residual variances after and before the onset for which a failure fits: it
-alters the path from disturbances to sensors. Measured on the hexapod: up to 15, and 25 with three
-times all mismatches."""
+"""Largest ratio of residual variances after and before the onset for which a failure fits, since it
+alters the path from disturbances to sensors. On the hexapod the ratio is up to 15, and 25 with
+three times all mismatches."""
 
 MODEL_ERROR = 0.01
 """Largest unexplained fraction of the residual energy, above noise, for which a failure fits even
@@ -33,8 +33,8 @@ WITHDRAWAL_UNEXPLAINED = 0.8
 """Unexplained fraction of the energy above which a diagnosis is withdrawn."""
 
 RESTART_S = 0.2
-"""Time without a fitting failure after which the evidence is restarted [s]: earlier events, such as
-a bump, are discarded, and a lock 0.4 s after it is detected."""
+"""Time without a fitting failure after which the evidence is restarted [s]: it discards an event
+such as a bump, so that a lock 0.4 s later is detected."""
 
 EFFECTIVENESS_STEP = 0.1
 """Smallest change of a diagnosed effectiveness that revises it: less than the quarters between the
@@ -53,7 +53,7 @@ CONFIRMATION_S = 1.0
 back in use [s]; equal to `LOOK_BACK_S`."""
 
 _NOISE = 4.0
-"""Standard deviations of its chi-square by which energy must exceed the noise."""
+"""Number of standard deviations (of chi-square) by which an energy must exceed that of noise."""
 
 _TIE = 1e-6
 """Difference of log likelihoods below which hypotheses are tied: round-off."""

@@ -50,11 +50,11 @@ class Diagnosis:
         kinds: Kinds that are not excluded yet, the most likely first.
         actuator_confidence: Probability of the actuator.
         kind_confidence: Probability of the kind, given the actuator.
-        displacement: Estimated displacement of the actuator.
+        displacement: Estimated displacement of the actuator, [m] or [rad].
         onset_tick: Most likely time of the failure.
         alarm_tick: Time of the alarm of the residual test.
         tick: Time of this diagnosis.
-        confirmed: Whether the time in which it may be revised is over.
+        confirmed: Whether the diagnosis is final: the time in which it may be revised is over.
     """
 
     fault: Fault
@@ -69,7 +69,7 @@ class Diagnosis:
 
     @property
     def is_acted_on(self) -> bool:
-        """Return whether a controller has to react; recovery requires confirmation first."""
+        """Return whether a controller has to react: to a failure, or to a confirmed recovery."""
         return self.confirmed or not self.fault.is_healthy
 
     @classmethod

@@ -46,7 +46,7 @@ _FAR = 1e3
 
 @dataclass(frozen=True)
 class Dither:
-    """A sinusoid along one direction of actuator displacements.
+    """Sinusoid along one direction of actuator displacements.
 
     Attributes:
         amplitude: Amplitude in units of `direction`.
@@ -129,9 +129,9 @@ def ranked_sensors(
 ) -> tuple[AddedSensor, ...]:
     """Rank additional sensors by indistinguishable pairs, then by the least separation.
 
-    The best one is first; equally good ones stay in their order. Each candidate has its row per
-    state (s,) and the standard deviation of one sample; the other arguments are those of
-    :func:`ftc.fdi.separations`.
+    The best sensor is first; equally good ones keep their order. A candidate is a pair of its
+    output row per state (s,) and the standard deviation of one sample; the other arguments are
+    those of :func:`ftc.fdi.separations`.
     """
     commanded, at_hz = _driven(nominal, dither)
     check.instance("candidates", candidates, Mapping)

@@ -157,7 +157,7 @@ class NominalModel:
         if self.names is not None:
             checked["names"] = check.members("names", self.names, str)
             if len(checked["names"]) != n:
-                raise ValueError(f"names must be {n}, got {len(checked['names'])}")
+                raise ValueError(f"names must be {n} strings, got {len(checked['names'])}")
         for name in ("period_s", "step_s"):
             checked[name] = check.number(name, getattr(self, name), *check.SECONDS)
         if not checked["step_s"] <= checked["period_s"] <= MOST_STEPS * checked["step_s"]:
@@ -187,6 +187,11 @@ class NominalModel:
 
         rows = check.array("C", C, None, self.plant.nstates)
         return replace(self, plant=control.ss(self.plant.A, self.plant.B, rows, 0), noise=noise)
+
+
+def actuator_name(names: Sequence[str] | None, actuator: int) -> str:
+    """Return the name of actuator 0..n-1, or "actuator k" if there are no names."""
+    return f"actuator {actuator}" if names is None else names[actuator]
 
 
 def _checked_friction(friction: Sequence[Array], positions: int) -> tuple[Array, ...]:
@@ -231,7 +236,7 @@ class DryFriction(NamedTuple):
         """Return the struct that the kernels take."""
         sizes = self.A.shape[-1], self.K.shape[-1], self.B.shape[-1] - 1, self.C.shape[-2]
         parts = (pointer(part) for part in self[:8])
-        return ffi.new("rubbing *", [*sizes, self.steps_a_tick, *parts])
+        return ffi.new("friction_model *", [*sizes, self.steps_a_tick, *parts])
 
     def moved(self, x: Array, commanded: Array) -> Array:
         """Return the states (..., s) one control tick later for commands (..., n)."""
@@ -336,7 +341,8 @@ def _accelerations(nominal: NominalModel, faults: Sequence[Fault]) -> tuple[Arra
         P = np.eye(k) - b @ np.linalg.solve(c @ b, c)
     except np.linalg.LinAlgError:
         raise ValueError(
-            f"faults must not lock actuators whose displacement no command moves, got {locked}"
+            "faults must not lock actuators whose displacement no command moves, got "
+            + ", ".join(actuator_name(nominal.names, k) for k in locked)
         ) from None
     remaining = np.ones(nominal.actuators)
     for fault in faults:
@@ -349,7 +355,8 @@ def _accelerations(nominal: NominalModel, faults: Sequence[Fault]) -> tuple[Arra
         push = plant.B[k:] @ ((remaining - 1) * nominal.holding)
     if loose := [fault.actuator for fault in faults if fault.kind == "loose"]:
         if nominal.spring is None:
-            raise ValueError("a loose actuator needs a model with its spring, got spring=None")
+            name = actuator_name(nominal.names, loose[0])
+            raise ValueError(f"nominal must have a spring for {name}, which is loose, got None")
         lower = lower + plant.B[k:, loose] @ nominal.spring[loose]
         if nominal.preload is not None:
             push = push - plant.B[k:, loose] @ nominal.preload[loose]
@@ -362,7 +369,7 @@ def _blocks(a: Array, b: Array, c: Array, d: Array) -> Array:
 
 
 def at_rest(A: Array, B: Array, period_s: float) -> Array:
-    """Return the steady states per constant input of x' = A x + B u from period to period.
+    """Return the steady states per constant input of a discrete system x' = A x + B u.
 
     Motions without restoring force are evaluated as after a hundred seconds.
     """

@@ -137,8 +137,8 @@ class Monitor:
     def step(self, state: MonitorState, measured: Array | None, commanded: Array) -> MonitorState:
         """Process one tick: present outputs (p,) or None, and displacements (n,) commanded before.
 
-        A sample without any measurement, and those after it whose whitening needs it, are neither
-        tested nor learned nor used as evidence.
+        A sample without measurement, and later ones whose whitening needs it, are neither tested
+        nor learned nor used as evidence.
         """
         check.instance("state", state, MonitorState)
         noise = self.nominal.noise
@@ -199,7 +199,7 @@ class Monitor:
         return self._alarmed(state) if self.test.alarm(recent) else state
 
     def _alarmed(self, state: MonitorState) -> MonitorState:
-        """Raise an alarm, and evaluate the hypotheses over the history."""
+        """Return the state after an alarm, with the hypotheses evaluated over the history."""
         alarms = (*state.alarm_ticks, state.ticks - 1)
         started = {"alarm_ticks": alarms, "decision": None, "evidence_start_tick": state.ticks}
         state = replace(state, **started, observer=self.observer.after_alarm(state.observer))
@@ -327,7 +327,8 @@ class Monitor:
         """Return the monitor with the confirmed diagnosis, and its state, history recomputed."""
         diagnosis = state.diagnosis
         if diagnosis is None or not diagnosis.confirmed:
-            raise ValueError(f"state must hold a confirmed diagnosis, got {diagnosis}")
+            got = "none" if diagnosis is None else "an unconfirmed one"
+            raise ValueError(f"state must hold a confirmed diagnosis, got {got}")
         others = [item for item in self.faults if item.actuator != diagnosis.fault.actuator]
         faults = others if diagnosis.fault.is_healthy else [*others, diagnosis.fault]
         after = monitor(self.nominal, faults, self.config)
@@ -389,7 +390,8 @@ def monitor(
     period_s = ticks * nominal.period_s
     if ticks > MOST_STEPS:
         raise ValueError(
-            f"config must have samples of at most {MOST_STEPS} ticks, got {config.sample_s:g} s"
+            f"config must have samples of at most {MOST_STEPS} ticks of {nominal.period_s:g} s, "
+            f"got {config.sample_s:g} s"
         )
     base = base_model_of(nominal, faults, config.uncertainty, ticks)
     test = ResidualTest(

@@ -56,7 +56,7 @@ standard deviations are half the force of a healthy one [s], and one standard de
 as a fraction of that force."""
 
 _LEAST_OFFSET = 1e-6
-"""Smallest standard deviation of a sensor's offset, in units of its noise: a root has no zeros."""
+"""Smallest standard deviation of a sensor's offset, in units of its noise: roots are regular."""
 
 
 class Parameters(NamedTuple):
@@ -321,10 +321,10 @@ class Observer:
         largest = self.largest if tests else np.inf
         is_learned = lib.correct(
             *(len(state.memory), k - p, p),
-            ffi.new("watched *", [pointer(array) for array in before]),
+            ffi.new("observer_state *", [pointer(array) for array in before]),
             *(pointer(array) for array in (predicted, y, state.whitening, self._drift)),
             *(share, largest, learns and sample.is_complete, pointer(workspace)),
-            ffi.new("watched *", [pointer(array) for array in after]),
+            ffi.new("observer_state *", [pointer(array) for array in after]),
             pointer(residual),
         )
         now |= {"memory": after[0], "residual": residual}

@@ -291,9 +291,9 @@ def isolability(
     commanded: Array,
     uncertainty: Uncertainty = CERTAIN,
 ) -> tuple[Array, float]:
-    """Return the distances d of one failure in a motion from all hypotheses and from no failure.
+    """Return the distances of one failure in a motion from all other failures and from none.
 
-    A distance is that of the outputs, averaged over samples like those of the diagnosis, in
+    A distance d is that of the outputs, averaged over samples like those of the diagnosis, in
     standard deviations of the noise, for the best onset, loss of force and model errors of the
     other explanation. d^2 / 2 is the Kullback-Leibler divergence (Basseville and Nikiforov,
     Detection of Abrupt Changes, 1993, ch. 4).

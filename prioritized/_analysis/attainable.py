@@ -22,11 +22,8 @@ from prioritized._solver.rank import RANK_TOLERANCE
 def corners(normal: Array, distance: Array) -> Array:
     """Return the corners (V, k) of the bounded set {z : normal @ z <= distance}, each once.
 
-    In the plane they are ordered counter-clockwise. No rows if the set has no interior.
-
-    Args:
-        normal: Normals of the half-spaces, shape (F, k).
-        distance: Their distances, shape (F,); infinite ones bound nothing.
+    In the plane the order is counter-clockwise; a set without interior has no rows. Normals are (F,
+    k), distances (F,), infinite for no bound.
     """
     # Imported here: together they take as long to import as the whole library.
     from scipy.optimize import linprog
@@ -60,17 +57,17 @@ def corners(normal: Array, distance: Array) -> Array:
 
 
 def in_order(corners: Array) -> Array:
-    """Sort corners (V, k) so that the order does not depend on the processor.
+    """Sort corners (V, k) independently of the processor's round-off.
 
-    In the plane the order is preserved and starts with the lexicographically last corner; otherwise
-    it is lexicographic.
+    In the plane the cyclic order is preserved and starts with the lexicographically last corner;
+    otherwise the order is lexicographic.
     """
     order = ascending(*corners.T, zero=ACCURACY * np.abs(corners).max(initial=0.0))
     return np.roll(corners, -order[-1], axis=0) if corners.shape[1] == 2 else corners[order]
 
 
 def _distinct(points: Array) -> Indices:
-    """Return the index of the first of each set of equal points (P, k) of unit size, in order."""
+    """Return the first index of each set of equal points (P, k) of unit size, in order."""
     groups = np.stack([ranks(column, zero=ACCURACY) for column in points.T], axis=1)
     return np.sort(np.unique(groups, axis=0, return_index=True)[1])
 
@@ -107,11 +104,12 @@ class Attainable(ReadOnly):
         gain: G, major velocity or force per x, shape (m1, n').
         constraint: C, shape (r, n').
         lower: Lower limits of x: rates, or torques followed by unlimited forces that the structure
-            bears without torque, shape (n',). In natural units where rates are of two kinds.
+            bears without torque, shape (n',). Where rates are angular and linear, in units of 1 rad
+            and of the mechanism's length.
         upper: Upper limits of x.
         scale: Size of the matrices that G was computed from.
         rank_tolerance: Fraction of the scale below which a singular value of G is zero.
-        self_motion: Whether the major task moves with every actuator locked.
+        self_motion: Whether the major task can move with every actuator locked.
     """
 
     gain: Array
@@ -124,7 +122,7 @@ class Attainable(ReadOnly):
 
     @property
     def status(self) -> AttainableStatus:
-        """Meaning of the radius."""
+        """Meaning of the radius, an `AttainableStatus` whose value is a sentence."""
         if self._empty:
             return AttainableStatus.EMPTY
         if self.self_motion:
@@ -146,12 +144,12 @@ class Attainable(ReadOnly):
 
     @property
     def bounded(self) -> bool:
-        """Return whether the set is bounded; forces borne by the structure are not."""
+        """Return whether the set is bounded; forces that the structure bears have no bound."""
         axes = np.eye(len(self.gain))
         return bool((self.support(np.vstack([axes, -axes])) < np.inf).all())
 
     def support(self, direction: ArrayLike) -> Array:
-        """Return the support function of the set, the largest d . v over its v, shape (...).
+        """Return the support function of the set: the largest d . v of all v in it, shape (...).
 
         It is a speed or force for a unit d, otherwise proportional to its norm. Infinite where no
         limit bounds the direction, minus infinity where the set is empty.
@@ -172,9 +170,9 @@ class Attainable(ReadOnly):
     def vertices(self) -> Array:
         """Corners of the set, shape (V, m1), each once; in the plane counter-clockwise.
 
-        In the plane the first one has the largest first coordinate; otherwise they ascend. No rows
-        if the set is empty or unbounded, or if the constraints fix some x at their limits, so that
-        the set has a lower dimension than the actuators reach.
+        In the plane the first corner has the largest first coordinate; otherwise the order is
+        lexicographic. There are no rows if the set is empty, unbounded, or without interior because
+        the constraints fix some x at their limits.
         """
         P, k = self._polytope, self._rank
         if self._empty or not self.bounded:
@@ -228,11 +226,7 @@ class Attainable(ReadOnly):
 def attainable(
     of: MajorMap, limits: Limits, rank_tolerance: float, *, self_motion: bool = False
 ) -> Attainable:
-    """Return the set of one map within limits of its x.
-
-    Raises:
-        ValueError: It has too many facets to be enumerated.
-    """
+    """Return the attainable set of one map within limits of its x; refuse too many facets."""
     G, C, lower, upper = with_free(of, limits[0], limits[1], int(of.dimension))
     result = Attainable(G, C, lower, upper, float(of.scale), rank_tolerance, self_motion)
     refuse_too_many(result._polytope)

@@ -22,11 +22,7 @@ MOST_CHOICES = 100_000
 
 
 def refuse_too_many(P: Polytope) -> None:
-    """Raise if the facets or the support would take too long to compute.
-
-    Raises:
-        ValueError: More than :data:`MOST_CHOICES` sets of columns.
-    """
+    """Raise a ValueError if a polytope has more than :data:`MOST_CHOICES` sets of columns."""
     m1, n = P.offset.shape[-1], P.lower.shape[-1]
     for r in np.unique(P.constraints).tolist():
         for k in (m1 + r - 1, r):
@@ -41,8 +37,7 @@ class Facets(NamedTuple):
     """Half-spaces normal @ z <= distance with v = offset + U sigma z that include every facet.
 
     Attributes:
-        normal: Shape (..., F, k); zero if v is not bounded: then `distance` must not be
-            negative.
+        normal: Shape (..., F, k); zero if v is unbounded, and `distance` must then not be negative.
         distance: Infinite where there is no bound, shape (..., F).
         size: Sum of the absolute terms of `distance`, the scale of its round-off, shape (..., F).
     """
@@ -55,7 +50,7 @@ class Facets(NamedTuple):
 def facets(P: Polytope, k: int, r: int) -> Facets:
     """Return the facets of polytopes whose G has rank k and whose C has rank r.
 
-    With k = 0 they express only whether the limits allow C x = 0: no distance must be negative.
+    With k = 0 they only state whether the limits allow C x = 0: if no distance is negative.
     """
     E = np.concatenate([P.Vt[..., :k, :], P.rows[..., :r, :]], axis=-2)
     rank, n = E.shape[-2:]

@@ -42,7 +42,7 @@ def unweighted(
     scale: Array | float,
     tolerance: float,
 ) -> Problem:
-    """Check the arguments of Problems 1 and 6 without weights."""
+    """Return Problems 1 and 6 without weights, after checking their arguments."""
     return checked(
         J,
         major,
@@ -110,11 +110,7 @@ def with_free(
 ) -> tuple[Array, Array, Array, Array]:
     """Return gain, constraint, lower and upper limits of [x; z] with unlimited z.
 
-    Args:
-        of: Maps with equal numbers of columns of `free`.
-        lower: Lower limits of x, shape (..., n).
-        upper: Upper limits of x, shape (..., n).
-        dimension: Number of columns of `free`.
+    Limits of x are (..., n); `dimension` is the number of columns of `free` in all maps.
     """
     empty = np.zeros((*of.constraint.shape[:-1], dimension))
     endless = np.full((*lower.shape[:-1], dimension), np.inf)

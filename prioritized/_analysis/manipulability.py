@@ -88,7 +88,7 @@ _SENTENCES = {
     ),
     "unobservable": (
         "Passive joints can move in {} without moving the task.",
-        "No passive joint can move without an active joint or the task.",
+        "No passive joint can move while the active joints and the task stand still.",
     ),
     "irresolvable": (
         "Rigid statics does not determine the internal force in {}.",
@@ -122,7 +122,7 @@ class Manipulability:
 
     @cached_property
     def findings(self) -> Mapping[str, Finding]:
-        """Findings by name, each computed when first accessed.
+        """Findings on the conditions by name, each computed when first accessed.
 
         `unmanipulable`, `unmanipulable_task`, `unstable`, `unstable_major`, `unstable_secondary`,
         `unobservable`, `irresolvable`, `constrained_active`.
@@ -133,7 +133,7 @@ class Manipulability:
     def worst_gain(self) -> float:
         """Least major speed per unit norm of the admissible rates: J_m's least singular value.
 
-        Zero when unmanipulable, infinite without rows.
+        Zero when unmanipulable, infinite without major rows.
         """
         decision = self._task.decision
         if decision.rank < len(self._task.S_m):
@@ -148,17 +148,15 @@ class Manipulability:
 
     @property
     def gain_uncertainty(self) -> float:
-        """Relative error of the worst gain due to the accuracy of the geometry.
-
-        Zero if the task is unmanipulable.
-        """
+        """Relative error of `worst_gain` due to the geometry; zero if the task is unmanipulable."""
         return self._task.gain_uncertainty
 
     @property
     def closure_condition(self) -> float:
-        """Condition number of the closure J_Cp on its rank, in natural units; 1 without loops.
+        """Condition number of J_Cp, the passive columns of J_C, on its rank; 1 without loops.
 
-        It bounds the amplification of geometric errors in the passive rates.
+        It bounds the amplification of geometric errors in the passive rates. Lengths are in units
+        of the mechanism's length.
         """
         return self._of_mechanism("closure_condition")
 
@@ -189,7 +187,7 @@ class Manipulability:
 
     @property
     def unobservable(self) -> bool:
-        """Return whether passive joints can move without active joints and task; basis (p, .)."""
+        """Return whether passive joints can move alone, without moving the task; basis (p, .)."""
         return self.findings["unobservable"].holds
 
     @property
@@ -204,12 +202,12 @@ class Manipulability:
 
     @property
     def bases(self) -> dict[str, Array]:
-        """Basis of each finding, empty where the condition does not hold."""
+        """Basis of each finding by name, empty where the condition does not hold."""
         return {name: finding.basis for name, finding in self.findings.items()}
 
     @property
     def gaps(self) -> dict[str, float]:
-        """Gap of the rank decision of each finding."""
+        """Gap of each finding: factor by which its rank threshold could change without effect."""
         return {name: finding.gap for name, finding in self.findings.items()}
 
     def __repr__(self) -> str:

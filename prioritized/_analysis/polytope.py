@@ -15,8 +15,8 @@ class Polytope(NamedTuple):
     these must not be used. Coordinates with equal limits have zero columns.
 
     Attributes:
-        offset: Contribution of fixed coordinates and of those that the constraints tie to them,
-            shape (..., m1).
+        offset: Contribution of the fixed coordinates and of those determined by them, shape (...,
+            m1).
         U: Orthonormal columns, shape (..., m1, .).
         sigma: Shape (..., .).
         Vt: Orthonormal rows, orthogonal to `rows`, shape (..., ., n).
@@ -42,7 +42,7 @@ class Polytope(NamedTuple):
     tolerance: float
 
     def part(self, which: Indices) -> "Polytope":
-        """Return some polytopes of a batch with one axis."""
+        """Return the polytopes that an index or mask selects from a batch with one axis."""
         return self._make([*(A[which] for A in self[:-1]), self.tolerance])
 
 
@@ -51,14 +51,9 @@ def polytope(
 ) -> Polytope:
     """Return the polytope of {G x : C x = 0, lower <= x <= upper}.
 
-    Args:
-        G: Shape (..., m1, n).
-        C: Orthonormal rows, or a projector on them, shape (..., r, n).
-        lower: Lower limits, may be infinite, shape (..., n).
-        upper: Upper limits, may be infinite, shape (..., n).
-        scale: Size of the matrices that G was computed from, shape (...), against which its rank is
-            decided.
-        tolerance: Tolerance of the rank decisions.
+    G is (..., m1, n); C has orthonormal rows, or is a projector on them, (..., r, n); limits are
+    (..., n) and may be infinite. `scale` (...) is the size of the matrices that G was computed
+    from, against which its rank is decided.
     """
     fixed = lower == upper
     moving = np.where(fixed, 0.0, 1.0)[..., None, :]

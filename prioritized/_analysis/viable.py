@@ -48,7 +48,7 @@ def viable_rates(
 
     Where no rate satisfies all limits (a disturbance, or limits that moved), acceleration limits
     have priority, then rate limits, then the position limit on the far side. The joint brakes as
-    hard as it can, then returns to the violated position limit as fast as the others allow.
+    hard as it can, then returns to the violated position limit as fast as the other limits allow.
 
     Args:
         position: Present positions x, shape (..., n), [m] or [rad].

@@ -60,13 +60,8 @@ class ActuatorLimits(NamedTuple):
 def radii(maps: MajorMap, lower: Array, upper: Array, tolerance: float) -> Array:
     """Return the radius of the largest ball about zero in the set of each of C maps, shape (C,).
 
-    It equals :attr:`prioritized.Attainable.radius`; sets with facets of one size are batched.
-
-    Args:
-        maps: Maps with a leading axis, shape (C, m1, n) etc.
-        lower: Lower limits of the x, shape (C, n).
-        upper: Upper limits of the x, shape (C, n).
-        tolerance: Tolerance of the rank decisions.
+    It equals :attr:`prioritized.Attainable.radius`; sets with facets of one size are batched. The
+    limits of x have the shape (C, n).
 
     Raises:
         ValueError: Too many facets to be enumerated.

@@ -25,8 +25,8 @@ def length_sentences(length: float | None) -> list[str]:
     if length is None:
         return []
     return [
-        f"Angles and lengths are measured against each other with a length of {length:.3g} unless "
-        "a metric or weight is stated."
+        f"In norms, 1 rad counts as much as a length of {length:.3g}, unless a metric or weight is "
+        "given."
     ]
 
 
@@ -35,9 +35,8 @@ def uncertainty_sentences(gain: float, uncertainty: float) -> list[str]:
     if not exceeds(uncertainty, UNCERTAIN):
         return []
     return [
-        f"Some major direction is reached with a gain of {gain:.3g} +- "
-        f"{100.0 * uncertainty:.2g} %: rates per major velocity, and how far the accuracy of the "
-        "geometry leaves them open."
+        f"In some major direction the gain (rates per major velocity) is {gain:.3g} +- "
+        f"{100.0 * uncertainty:.2g} %, due to the accuracy of the geometry."
     ]
 
 

@@ -48,7 +48,7 @@ Gains = tuple[Array, ...]
 
 @dataclass(frozen=True, eq=False)
 class ForceMapping(ReadOnly):
-    """Gains of the optimal active joint torques; created by :func:`force_mapping`.
+    """Mapping from a major force to the optimal active joint torques, by :func:`force_mapping`.
 
     torques = major @ f_m + torque @ torques_desired + secondary @ f_s_desired
 
@@ -60,8 +60,7 @@ class ForceMapping(ReadOnly):
         rank: Dimension of the major forces that equilibrium admits, shape (...).
         gap: Factor by which the rank threshold could change before any rank would, shape (...).
         status: Status that holds for every problem of the batch.
-        closure_condition: Condition number of the closure, as in :class:`Manipulability`; 1 for a J
-            given as a matrix.
+        closure_condition: As :attr:`Manipulability.closure_condition`; 1 for a J given as a matrix.
     """
 
     _torque_gains: Gains
@@ -88,7 +87,7 @@ class ForceMapping(ReadOnly):
 
     @property
     def characteristic_length(self) -> float | None:
-        """Length that relates angular and linear quantities, as of a :class:`VelocityMapping`."""
+        """Length that relates forces and moments in one norm, as for :class:`VelocityMapping`."""
         if self._units is None:
             return None
         is_exact = self.status is not Status.LEAST_SQUARES and self._limiting is None
@@ -98,7 +97,7 @@ class ForceMapping(ReadOnly):
     def largest_gain(self) -> Array:
         """Largest norm of the torques per unit norm of the major force alone, shape (...).
 
-        In natural units if torques or major forces are of two kinds.
+        If forces and moments are mixed, lengths are in units of the mechanism's length.
         """
         gain = self.major
         if self._units is not None:
@@ -194,7 +193,7 @@ class ForceMapping(ReadOnly):
         torque: ArrayLike | None = None,
         secondary_force: ArrayLike | None = None,
     ) -> Array:
-        """Return the secondary force f_s that belongs to the torques, shape (..., m2)."""
+        """Return the secondary force f_s of the optimal torques, shape (..., m2)."""
         return _respond(self._secondary_gains, f_major, torque, secondary_force)
 
     def internal_force(
@@ -203,7 +202,7 @@ class ForceMapping(ReadOnly):
         torque: ArrayLike | None = None,
         secondary_force: ArrayLike | None = None,
     ) -> Array:
-        """Return the internal force eta that belongs to the torques, one per row of C, (..., r)."""
+        """Return the internal force eta of the optimal torques, one per row of C, (..., r)."""
         return _respond(self._internal_gains, f_major, torque, secondary_force)
 
     def residual(self, f_major: ArrayLike) -> Array:
@@ -332,13 +331,7 @@ def force_mapping_of(
 ) -> ForceMapping:
     """Return the force mapping of a mechanism; see :meth:`Kinematics.force_mapping`.
 
-    Args:
-        mechanism: Mechanism with J and all conditions.
-        major: As for :func:`force_mapping`.
-        secondary: As for :func:`force_mapping`.
-        weights: Weights of the torques and of the secondary force.
-        metrics: Metrics of the major force and of ties.
-        bounds: Limits of torques and forces.
+    `weights` are those of torques and secondary force, `metrics` of major force and ties.
     """
     stated = checked(
         mechanism.J,
@@ -462,7 +455,7 @@ def _refuse_overlap(S_m: Array, S_s: Array, tolerance: float) -> None:
 
 
 def _reaction(problem: Problem, forces: Forces, gain: Array) -> tuple[Array, Indices]:
-    """Return the projector on workless task forces, and the rank of the work of x = gain @ f_m."""
+    """Return the projector on task forces without work, and the rank of the work of gain @ f_m."""
     Q, tolerance = problem.self_motion, problem.tolerance
     driven = transposed(problem.admissible_jacobian)
     motion = stack(driven, transposed(Q) * problem.scale[..., None, None])

@@ -95,10 +95,7 @@ class HierarchySolution:
 
     @cached_property
     def damping_errors(self) -> tuple[float, ...]:
-        """Norm of the change of each level's achieved value due to damping.
-
-        In the rows of the level, without its weights, as its residual.
-        """
+        """Norm of the change of each level's achieved value due to damping, without weights."""
         pairs = zip(self.residuals, self._undamped.residuals, strict=True)
         return tuple(float(np.linalg.norm(damped - undamped)) for damped, undamped in pairs)
 
@@ -137,7 +134,7 @@ class HierarchySolution:
         return self.describe(None)
 
     def describe(self, at_limits: Sequence[str] | None) -> str:
-        """Describe the solution with these names of what is at a limit; None uses numbers."""
+        """Describe the solution; `at_limits` names what is at a limit, else numbers are given."""
         actuators = self.hierarchy.specs.survivors.actuators.tolist()
         rows = range(len(self.active_rows))
         limits = [
@@ -150,7 +147,7 @@ class HierarchySolution:
         return " ".join([as_sentence(self.status.value), *limits, *damping])
 
     def _costs(self) -> Iterator[tuple[int, float]]:
-        """Yield levels, from 1 on, whose damping error exceeds round-off, with this error."""
+        """Yield number, from 1 on, and damping error of each level where it exceeds round-off."""
         terms = zip(self.damping_errors, self.targets, self.residuals, strict=True)
         for k, (error, targets, residual) in enumerate(terms, 1):
             size = norm(residual) + sum(map(norm, targets))
@@ -183,14 +180,14 @@ class Hierarchy:
         specs: Pose-independent levels.
         damping: Damping of each level.
         J: Task Jacobian, (m, n).
-        weighted_rows: Weighted rows (k, n) of each level without directions of rank zero, and
-            their size, for rates in natural units, as are those of the constraint.
+        weighted_rows: Weighted rows (k, n) of each level without directions of rank zero, and the
+            size of their terms; for rates in natural units, as `constraint`.
         constraint: C, orthonormal rows, shape (r, n).
         limiting: Limits of the rates.
         bounds: Limits of the rates as given.
         is_determined: Whether no self-motion moves the tasks of the first level.
         damping_rows: Further rows (k, n) of each level with target zero, for damping that depends
-            on the direction. () is none.
+            on the direction; () for none.
     """
 
     specs: LevelSpecs
@@ -256,7 +253,7 @@ class Hierarchy:
         count, levels = len(self.specs.levels), self.specs.levels
         if not isinstance(targets, Sequence | np.ndarray) or len(targets) != count:
             got = check.short_repr(targets)
-            raise ValueError(f"targets must be {count}, one a level, got {got}")
+            raise ValueError(f"targets must be {count}, one for each level, got {got}")
         checked_targets = tuple(
             targets_of(f"targets[{k}]", level, target)
             for k, (level, target) in enumerate(zip(levels, targets, strict=True))
@@ -267,16 +264,16 @@ class Hierarchy:
         return self._solved(checked_targets, warm)
 
     def tick(self, kinematics: "Kinematics") -> Tick | None:
-        """Return a compiled solver of these levels for successive poses, for well-conditioned ones.
+        """Return a compiled solver of these levels for successive well-conditioned poses.
 
-        It is constructed once for a mechanism and its failures. Where it returns None, use
-        :meth:`at` and :meth:`solve`.
+        Construct it once for a mechanism and its failures. At poses where the solver returns None,
+        use :meth:`at` and :meth:`solve`.
 
         Args:
             kinematics: Mechanism at any pose.
 
         Returns:
-            The solver, or None if it does not apply, as with intervals or springs.
+            The solver; None if the mechanism has springs or a task is an interval.
         """
         return Tick.of(self._specs_of(kinematics), kinematics)
 

@@ -23,10 +23,7 @@ if TYPE_CHECKING:
 
 
 class Survivors(NamedTuple):
-    """Restriction of arguments for `n` actuators to the surviving `actuators`.
-
-    An argument of another width is returned unchanged.
-    """
+    """Restriction of arguments for all n actuators to the survivors; others stay unchanged."""
 
     actuators: Indices
     n: int
@@ -65,7 +62,7 @@ class Survivors(NamedTuple):
         return self.matrix(name, R), lower, upper
 
     def task(self, task: Task) -> Task:
-        """Restrict the weight of a task on rates; return other tasks unchanged."""
+        """Return a task on rates with the weights of the survivors; other tasks stay unchanged."""
         if task.rows is not None or task.weight is None:
             return task
         return dataclasses.replace(task, weight=self.matrix("weight", task.weight))

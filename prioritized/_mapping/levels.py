@@ -31,8 +31,7 @@ class Level(NamedTuple):
 def lexicographic(levels: Sequence[Level], tolerance: float) -> tuple[Array, list[RankedSvd]]:
     """Return the gain X of x = X p, shape (..., n, p), and the rank decision of each level.
 
-    Each level is solved without changing those before it; in the remaining null space x has least
-    norm.
+    Each level is solved in the null space of the previous ones; x has least norm.
     """
     n, p = levels[0].A.shape[-1], levels[0].target.shape[-1]
     # A projector, not a basis: in a batch its shape must not depend on the rank.

@@ -124,10 +124,10 @@ def lexicographic_least_squares(
     3. |A_1 x - b_1|, then |A_2 x - b_2|, ...   smallest
     4. |T x|, then |x|                         smallest (ties)
 
-    A primal active-set method with one orthogonal decomposition of each level on the null space of
-    the previous ones (Escande, Mansard, Wieber, IJRR 33(7), 2014; an inequality row is an equation
-    with one more bounded unknown). Apart from the start, no level depends on data of later ones.
-    Bland's rule and a bound on the number of steps exclude cycling.
+    The method is a primal active-set method with one orthogonal decomposition of each level on the
+    null space of the previous ones (Escande, Mansard, Wieber, IJRR 33(7), 2014; an inequality row
+    is an equation with one more bounded unknown). Apart from the start, no level depends on data of
+    later ones. Bland's rule and a bound on the number of steps exclude cycling.
 
     Args:
         levels: (A_k, b_k), shapes (m_k, n) and (m_k,); or (A_k, lower, upper), whose distance to
@@ -144,7 +144,7 @@ def lexicographic_least_squares(
         rank_tolerance: Rows smaller than this fraction of their level are linearly dependent.
 
     Returns:
-        A solution that obeys the bounds, finite, whatever its status.
+        A finite solution within the bounds, for any status.
     """
     tolerance = check.number("rank_tolerance", rank_tolerance, 0.0, 0.5)
     if not (type(levels) is list or isinstance(levels, Sequence)) or not len(levels):
@@ -175,10 +175,7 @@ def lexicographic_least_squares(
 def _of_plain_arrays(
     levels: Sequence[Any], lower: Any, upper: Any, tolerance: float, start: Point | None
 ) -> Solution | None:
-    """Return the solution within bounds if all levels are pairs (A, b) of plain arrays.
-
-    None otherwise: the caller's checks then raise, or convert the arguments.
-    """
+    """Return the solution within bounds if all levels are pairs of plain arrays, else None."""
     matrices, counts, n = [], [], -1
     # Calls of the argument checks would take as long as the arithmetic.
     for level in levels:

@@ -50,7 +50,7 @@ def limiting(
     rows: dict[str, tuple[ArrayLike, ArrayLike, ArrayLike] | None],
     when_limited: WhenLimited = "least_squares",
 ) -> Limiting | None:
-    """Check limits and inequality rows of n unknowns, given under their names; None is no limit."""
+    """Check limits and rows of n unknowns, given by argument name; None is no limit."""
     if not isinstance(when_limited, str) or when_limited not in _CHOICES:
         choices = " or ".join(map(repr, _CHOICES))
         raise ValueError(f"when_limited must be {choices}, got {check.short_repr(when_limited)}")
@@ -137,12 +137,8 @@ def optimum(
 ) -> Optimum:
     """Solve levels under limits; the first is the constraint, the second the major task.
 
-    Args:
-        levels: Levels of the problem without limits.
-        p: Factors of the targets of the levels, (..., p).
-        limiting: Limits; None is no limit.
-        tolerance: Tolerance of the rank decisions.
-        start: Solution of a similar problem.
+    The targets of the levels are `target @ p`, p (..., p); `start` is a solution of a similar
+    problem.
     """
     lead, n = p.shape[:-1], levels[0].A.shape[-1]
     if limiting is not None and not limiting.is_box and levels[1].damping:

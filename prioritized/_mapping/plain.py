@@ -88,8 +88,7 @@ class Plain:
     ) -> Array | None:
         """Return the optimal rates (..., n) within limits (2, n); None requires the general solver.
 
-        None is returned for targets with leading axes other than those of J, and if a rank may be
-        deficient.
+        This is the case for targets with other leading axes than J, and if a rank may be deficient.
         """
         values = v_major, joint_velocity, secondary_velocity
         problem, workspace, *first = self._args
@@ -142,15 +141,7 @@ def shape_of(
 ) -> tuple[Struct, int]:
     """Return the kernel's description of a problem without J and weights, and its workspace size.
 
-    Args:
-        S: As in :class:`Plain`.
-        m1: Rows of S that are major.
-        n: Number of rates.
-        has: Whether w1 and w2 are given.
-        tolerance: Tolerance of the rank decisions.
-        threshold: Fraction of the scale above which a singular value of the major rows is
-            certainly not zero.
-        count: Number of matrices J.
+    The arguments are those of :class:`Plain`, n rates, whether it has w1 and w2, and `count` J.
     """
     problem = Struct(
         "problem1",

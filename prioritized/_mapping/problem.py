@@ -178,7 +178,7 @@ def _weight(name: str, value: ArrayLike | None, size: int) -> Array:
 def _of_moderate_size(*weights: Array) -> tuple[Array, ...]:
     """Scale the weights of one sum by one power of two if products could under- or overflow.
 
-    Only their ratios matter, so that the result is identical, round-off included.
+    Only their ratios matter; the solution is identical, round-off included.
     """
     for W in weights:  # the common case
         if W.ndim == 2 and _LEAST < norm(W) < _MOST:

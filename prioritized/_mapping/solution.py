@@ -118,8 +118,8 @@ class VelocitySolution(Limited):
     def gains(self) -> Array:
         """Derivative of the rates by [v_m; rates_d; v_sd] with these limits active.
 
-        Shape (..., n, m1 + n + m2); rows of actuators at their limits are zero. With `when_limited`
-        "scaled", v_m is the scaled one.
+        Shape (..., n, m1 + n + m2); rows of actuators at their limits are zero. With
+        `when_limited="scaled"`, v_m is the scaled major velocity.
         """
         free = self.active_limits[..., None, :] == 0
         levels = [level._replace(A=level.A * free) for level in self.mapping._levels]
@@ -167,13 +167,13 @@ class ForceSolution(Limited):
 
     @property
     def secondary_force(self) -> Array:
-        """Secondary force f_s that belongs to the torques, shape (..., m2)."""
+        """Secondary force f_s of these torques, shape (..., m2)."""
         force, units = self._parts[1], self.mapping._units
         return force if units is None else force / units.secondary
 
     @property
     def internal_force(self) -> Array:
-        """Internal force eta that belongs to the torques, one per row of C, shape (..., r)."""
+        """Internal force eta of these torques, one per row of C, shape (..., r)."""
         force, units = self._parts[2], self.mapping._units
         return force if units is None else times(units.internal, force)
 

@@ -15,9 +15,9 @@ from prioritized._solver.rank import RANK_TOLERANCE, frobenius, ranked_svd
 
 
 class Status(Enum):
-    """Quality of the solution of the major task; the value says what to do about it.
+    """Quality of the solution of the major task; the value is a sentence that says what to do.
 
-    The first condition that holds in this order is the status: see :func:`status_of`.
+    Of several conditions that hold, the first one in this order is the status.
     """
 
     UNFINISHED = (
@@ -34,11 +34,11 @@ class Status(Enum):
     )
     SCALED = (
         "limits restrict the major task, whose direction is preserved: see scale and "
-        "active_limits, command less, or widen these limits"
+        "active_limits, reduce the command, or widen these limits"
     )
     LIMITED = (
         "limits restrict the major task, which is met in the least-squares sense: "
-        "see the residual and active_limits, command less, or widen these limits"
+        "see residual and active_limits, reduce the command, or widen these limits"
     )
     LEAST_SQUARES = (
         "part of the major task is unreachable and is met in the least-squares sense: "
@@ -107,7 +107,9 @@ def rows_of(name: str, rows: Sequence[int] | ArrayLike, m: int) -> Array:
     try:
         directions = not check.is_masked(rows) and np.ndim(rows) == 2
     except ValueError:
-        raise ValueError(f"{name} must be a rectangular array, got rows that differ") from None
+        raise ValueError(
+            f"{name} must be a rectangular array, got rows of different lengths"
+        ) from None
     if directions:
         return check.array(name, rows, None, m, copy=True)
     return np.eye(m)[check.indices(name, rows, m)]

@@ -17,11 +17,11 @@ from prioritized._solver.limits import limits
 
 @dataclass(frozen=True, eq=False)
 class Task(ReadOnly):
-    """Task of one level of a hierarchy, |W (S J rates - target)|.
+    """Task of one level of a hierarchy: minimize |W (S J rates - target)|, J the task Jacobian.
 
     Attributes:
-        rows: Task rows S: numbers, a slice such as `jac.rows["tool"]`, or directions (k, m); None
-            is the rates themselves.
+        rows: Rows of the task, S: numbers, a slice such as `jac.rows["tool"]`, or directions (k,
+            m); None is the rates themselves.
         weight: W, diagonal (k,) or matrix (., k); None is the identity. If no task of a level has a
             weight, its angles and lengths are related by the mechanism's own length.
         interval: Whether the target is a pair (lower, upper) of bounds of S J rates.
@@ -142,7 +142,8 @@ def targets_of(name: str, level: Level, target: Any) -> tuple[Array, ...]:
     targets = [None] * len(level) if target is None else target
     if not isinstance(targets, Sequence) or len(targets) != len(level):
         raise ValueError(
-            f"{name} must be {len(level)} targets, one a task, got {check.short_repr(target)}"
+            f"{name} must be a target for each of {len(level)} tasks, got "
+            f"{check.short_repr(target)}"
         )
     return tuple(_target(name, part, value) for part, value in zip(level, targets, strict=True))
 

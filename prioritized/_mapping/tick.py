@@ -248,7 +248,7 @@ class Tick(ReadOnly):
 
     Attributes:
         data: Data of the compiled solver.
-        basis: Properties of the mechanism that it depends on.
+        basis: Properties of the mechanism, independent of its pose, that the data depend on.
         specs: Specification of the levels.
     """
 
@@ -312,10 +312,10 @@ class Tick(ReadOnly):
         error_bound: float,
         along: Array | None = None,
     ) -> tuple[bool, Array | None]:
-        """Return whether an argument is invalid or not a plain array, and the result of a call.
+        """Return whether arguments need checks, and the result of a call with plain arrays.
 
-        With `along`, rates (n,), the task motion that these produce is added to the targets of all
-        levels but the first.
+        The task motion of the rates `along` (n,) is added to the targets of all levels but the
+        first.
         """
         data, shapes, size = self._prepared
         lower, upper = velocity_limits

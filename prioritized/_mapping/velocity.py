@@ -36,13 +36,12 @@ if TYPE_CHECKING:
 
 
 class VelocityMapping:
-    """Optimal active joint rates; created by :func:`velocity_mapping`.
+    """Mapping from a major velocity to the optimal active joint rates, by :func:`velocity_mapping`.
 
     rates = major @ v_m + joint @ rates_desired + secondary @ v_s_desired
 
-    A call solves for the rates alone, without a singular value decomposition if the problem is
-    well-conditioned. Gains, ranks and gaps are computed when first used, and so is J at another
-    pose.
+    A call computes the rates alone, without a singular value decomposition if the problem is
+    well-conditioned. Gains, ranks and gaps are computed when first used.
     """
 
     _damping: float
@@ -65,10 +64,7 @@ class VelocityMapping:
     ) -> "VelocityMapping":
         """Return the mapping of one J with diagonal weights.
 
-        Args:
-            plain: J and its weights.
-            directions: Directions of the major and the secondary task.
-            limiting: Limits of the rates, or None.
+        `directions` are those of the major and of the secondary task.
         """
         mapping = object.__new__(VelocityMapping)
         parts = {"_damping": 0.0, "_limiting": limiting, "_kinematics": None}
@@ -86,10 +82,8 @@ class VelocityMapping:
     ) -> "VelocityMapping":
         """Return the mapping of a J, its scale and constraints stated in natural units.
 
-        Args:
-            task_units: Natural units of the task rows, (m,).
-            rate_units: Natural units of the rates, (n,); None is one common unit.
-            mechanism: J, scale and constraints, as in :class:`Problem`.
+        Units are those of task rows (m,) and rates (n,), None for one common unit; `mechanism` are
+        fields of :class:`Problem`.
         """
         problem = self._own.natural(task_units, 1.0 if rate_units is None else rate_units)
         mapping = VelocityMapping(problem._replace(**mechanism), self._damping, self._limiting)
@@ -182,15 +176,14 @@ class VelocityMapping:
         return vars(self).get("_origin", self)
 
     def tick(self) -> Tick | None:
-        """Return a compiled solver of the mapping for successive poses, for well-conditioned ones.
+        """Return a compiled solver of the mapping for successive well-conditioned poses.
 
-        It is constructed once for a mechanism and its failures. Its targets are the major velocity
-        (m1,) and the desired rates (n,), one after the other, and then the desired secondary
-        velocity (m2,), if that has a weight. Where it returns None, use :meth:`at`.
+        Construct it once for a mechanism and its failures. Its targets are, one after the other,
+        the major velocity (m1,), the desired rates (n,) and, if it has a weight, the desired
+        secondary velocity (m2,). At poses where the solver returns None, use :meth:`at`.
 
         Returns:
-            The solver, or None if it does not apply, as for a J given as a matrix, with
-            `rate_rows` or springs.
+            The solver; None for a J given as a matrix, with `rate_rows`, or with springs.
         """
         if self._kinematics is None:
             return None
@@ -368,8 +361,7 @@ class VelocityMapping:
     def largest_gain(self) -> Array:
         """Largest norm of the rates per unit norm of the major velocity alone, shape (...).
 
-        In natural units if rates or major velocities are of two kinds, see
-        :attr:`characteristic_length`.
+        If angular and linear quantities are mixed, lengths are in units of the mechanism's length.
         """
         gain = self.major
         return read_only(largest(gain if self._measure is None else self._measure.of_gain(gain)))
@@ -379,8 +371,7 @@ class VelocityMapping:
         """Length that relates angular and linear velocities, or rates, in one norm.
 
         It is that of the mechanism, unless a `major_metric`, `joint_weight` or `tie_metric` is
-        given. None if each is of one kind or the result does not depend on it, and for a J given as
-        a matrix.
+        given. None if no norm mixes angular and linear quantities, and for a J given as a matrix.
         """
         if self._measure is None:
             return None
@@ -418,7 +409,7 @@ class VelocityMapping:
 
     @property
     def closure_condition(self) -> float:
-        """Condition number of the closure, as in :class:`Manipulability`; 1 for a matrix J."""
+        """As :attr:`Manipulability.closure_condition`; 1 for a J given as a matrix."""
         return 1.0 if self._kinematics is None else self._kinematics.closure_condition
 
     @property

@@ -120,10 +120,7 @@ def of_plain_arrays(
     box: Any,
     when_limited: WhenLimited,
 ) -> VelocityMapping | None:
-    """Return the mapping of one J with diagonal weights if all arguments are plain and valid.
-
-    None otherwise: the caller's checks then raise, or convert the arguments.
-    """
+    """Return the mapping of one J with diagonal weights if all arguments are plain, else None."""
     w1 = _NOTHING if joint_weight is None else joint_weight
     w2 = _NOTHING if secondary_weight is None else secondary_weight
     size, others = 1.0 if scale is None else scale, () if secondary is None else secondary
@@ -172,12 +169,8 @@ def _selected(
 ) -> tuple[tuple[Array, Array], Array, tuple[Struct, int]] | None:
     """Return both tasks, all directions, and the kernel's description of the problem.
 
-    Args:
-        shape: Shape of J.
-        has: Rank tolerance, and whether rates and secondary task have weights.
-        p: Number of rows of the major task.
-        complement: Whether all remaining rows are the secondary task.
-        rows: Rows of both tasks.
+    `has` is the rank tolerance, and whether rates and secondary task have weights. `rows` are those
+    of both tasks, the first p of the major one; `complement` adds all other rows.
     """
     (tolerance, *weights), major = has, rows[:p]
     if not (len(shape) == 2 and 0.0 < tolerance < 1.0 and are_rows(rows)):

@@ -25,11 +25,7 @@ def loop_threshold(geometry: Geometry) -> float:
 def task_threshold(geometry: Geometry, scale: float, gain: Array, closing: Array) -> float:
     """Return the fraction of its scale above which a singular value of J is certainly not zero.
 
-    Args:
-        geometry: J_T and J_C.
-        scale: Scale of J, eq. (14).
-        gain: Passive rates per active rate, (p, n).
-        closing: J_Cp^-1, (p, p).
+    `scale` is that of J, eq. (14), `gain` (p, n) passive rates per active rate, `closing` J_Cp^-1.
     """
     threshold, bound = well_conditioned_above(geometry.rank_tolerance), geometry.error_bound
     if not bound:

@@ -78,14 +78,9 @@ class MajorTask:
     ) -> tuple[Array, Array]:
         """Return J (..., m, n) without components of decided rank zero, and the scale of its rank.
 
-        With this scale solvers reproduce the decisions made here.
-
-        Args:
-            J: Task Jacobian in natural units.
-            scale: Size of the terms of J, (...).
-            constraint: Projector (..., n, n) or orthonormal rows (..., r, n) of forbidden rates.
-            metric: M (k, m1) of the major velocity in its own units; None measures in natural
-                units.
+        With this scale solvers reproduce the decisions made here. J and its size `scale` (...) are
+        in natural units; `constraint` is a projector or orthonormal rows of forbidden rates;
+        `metric` is M (k, m1) of the major velocity in its own units, None for natural units.
         """
         S_m, S_s = self._major, self._secondary
         if (negligible := self.task.start.negligible(self.decision, S_m @ J)) is not None:
@@ -137,14 +132,8 @@ def separating_scale(
 ) -> Array:
     """Return the scale of J at which RANK_TOLERANCE separates significant from zero directions.
 
-    It is the `scale` of the terms of J unless that would drop a significant direction of S J,
-    (...).
-
-    Args:
-        scale: Size of the terms of J, shape (...).
-        size: Norm of S.
-        sigma: Singular values of S J, descending, (..., k).
-        rank: Number of significant values, (...).
+    It is the `scale` (...) of the terms of J unless that would drop one of the `rank` significant
+    singular values `sigma` (..., k) of S J; `size` is the norm of S.
     """
     counts = np.arange(sigma.shape[-1]) < np.asarray(rank)[..., None]
     least = sigma.min(axis=-1, initial=np.inf, where=counts)

@@ -66,11 +66,7 @@ def error_bound_of(mechanism: Any) -> float:
 
 
 def tolerance_of(rank_tolerance: float | None, geometry_accuracy: float | None) -> float:
-    """Return the rank tolerance, derived from the accuracy of the geometry where that is given.
-
-    Raises:
-        ValueError: One of them is out of range, or both are given and disagree.
-    """
+    """Return the rank tolerance, or that of the geometry's accuracy; refuse contradictory ones."""
     if rank_tolerance is not None:
         check.number("rank_tolerance", rank_tolerance, 0.0, 0.5)
     if geometry_accuracy is None:

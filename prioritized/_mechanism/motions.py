@@ -28,8 +28,8 @@ class Motions:
             d).
         freedom: Dimension f of the self-motion, shape (...).
         internal: Dimension of the internal force: the rows of J_C less the rank of J_Cp, (...).
-        closing: Task motion per error of closure with active and locked joints at rest, (..., m,
-            c); None if the geometry is exact.
+        closing: Task motion per closure error, active and locked joints at rest, (..., m, c); None
+            if the geometry is exact.
         gap: Smallest gap of the rank decisions, shape (...).
     """
 

@@ -49,15 +49,15 @@ Aliases = tuple[tuple[str, ...], ...]
 def checked_names(names: HasNames, N: int, n: int) -> Names:
     """Return the names as immutable tuples.
 
-    Raises:
-        TypeError: `names` has no `velocities` or no `actuators`.
-        ValueError: The names are not N strings and n tuples of strings.
+    Other names than N strings and n tuples of strings raise a TypeError or ValueError.
     """
     try:
         velocities, actuators = tuple(names.velocities), tuple(map(tuple, names.actuators))
     except (AttributeError, TypeError):
         got = check.short_repr(names)
-        raise TypeError(f"names must have lists velocities and actuators, got {got}") from None
+        raise TypeError(
+            f"names must have the lists `velocities` and `actuators`, got {got}"
+        ) from None
     if (len(velocities), len(actuators)) != (N, n):
         raise ValueError(
             f"names must have {count_phrase(N, 'velocity', 'velocities')} and "
@@ -101,7 +101,7 @@ def actuator_aliases(names: Names | None, active: Indices) -> Aliases:
 
 
 def _word(names: tuple[str, ...], number: int, users: Counter[str]) -> str:
-    """Return the first of the names without another user, otherwise the first with the number."""
+    """Return the first unique name, else the first name followed by the number."""
     for name in names:
         if users[name] == 1:
             return name
@@ -197,13 +197,9 @@ def joined_names(aliases: Aliases, numbers: Iterable[int]) -> str:
 def involved_joints(basis: Array, aliases: Aliases, accuracy: float = ACCURACY) -> str:
     """List the joints with a noticeable share of an orthonormal basis, the largest share first.
 
-    Args:
-        basis: Columns over the joints, shape (len(aliases), .).
-        aliases: Names of the joints; rows with the same name belong to one joint.
-        accuracy: Relative difference up to which shares are equal.
-
-    Returns:
-        Text such as "hip, knee and 2 more"; empty if no joint has a name.
+    The text is, for example, "hip, knee and 2 more"; empty if no joint has a name. Rows of the
+    basis with the same name belong to one joint; `accuracy` is the relative tolerance of equal
+    shares.
     """
     shares: dict[str, float] = {}
     for names, row in zip(aliases, basis, strict=True):

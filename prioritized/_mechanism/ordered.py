@@ -64,10 +64,7 @@ def in_order(
 ) -> list[tuple[Array, float]]:
     """Return the levels of one condition without directions of rank zero in the remaining motion.
 
-    Args:
-        task: Motion of the task; it has rates.
-        levels: Levels to decide on.
-        rows: Rows A (k, n) of each level on the rates, and the size of their terms.
+    `rows` are A (k, n) of each level on the rates, and the size of their terms.
     """
     remaining, result = task.start, []
     parts = zip(levels.split(levels.on_task), levels.split(levels.on_rates), rows, strict=True)

@@ -25,7 +25,7 @@ from prioritized._solver.rank import whole_svd
 
 
 class ActiveConstraint(NamedTuple):
-    """Constraint matrix J~_Cp^T J_Ca with its decided rank r', in natural units.
+    """Constraint matrix J~_Cp^T J_Ca, eq. (17), with its decided rank r', in natural units.
 
     Attributes:
         rows: Orthonormal rows; admissible rates are their null space, shape (r', n - q).
@@ -54,8 +54,8 @@ def active_constraint(system: Partition, left_null: Array) -> ActiveConstraint:
 class Reduced:
     """Mechanism reduced to its active joints, eqs. (6) to (17), in natural units.
 
-    Mappings and classification solve with it, so that no rank and no least norm depends on the unit
-    of length. Computed when first used.
+    Mappings and classification use it, so that no rank and no least norm depends on the unit of
+    length. Properties are computed when first used.
 
     Attributes:
         system: The mechanism with its joints partitioned by their role.

@@ -30,8 +30,7 @@ class TaskMotion:
         velocities: All velocities per active rate, shape (..., N, n).
         admissible: Rates that the loops admit: basis (n, .) or projector (..., n, n).
         self_motion: All velocities with every active joint locked, (..., N, .).
-        closing: Task motion per error of closure, active and locked joints at rest, (..., m, c);
-            None if the geometry is exact.
+        closing: As in :class:`Motions`.
         moving: Passive and free joints that are not stuck, shape (..., N).
         gap_of_motions: Function that returns the smallest gap of the rank decisions on the motions.
     """
@@ -188,8 +187,8 @@ class RemainingMotion(NamedTuple):
     def negligible(self, decision: RankedSvd, A: Array) -> Array | None:
         """Return the part of further rows A (..., k, n) of decided rank zero, (..., k, n).
 
-        None if it is mere round-off. A are rows for the solvers; with badly conditioned loops their
-        zero directions differ from those of the rows decided on.
+        None if the part is round-off. A are rows for the solvers; with badly conditioned loops
+        their zero directions differ from those of the rows whose rank was decided.
         """
         is_more = (~decision.significant & (decision.sigma > decision.round_off)).any(
             axis=-1, keepdims=True

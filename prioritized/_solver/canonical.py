@@ -23,13 +23,15 @@ def canonical_basis(basis: ArrayLike) -> Array:
             last.
 
     Raises:
-        ValueError: Not a matrix, not finite, or columns that are neither orthonormal nor zero.
+        ValueError: The columns are not finite, or neither orthonormal nor zero.
     """
     columns = check.array("basis", basis, ..., None, None)
     products = np.swapaxes(columns, -1, -2) @ columns
     filled = np.eye(columns.shape[-1]) * (products > 0.5)
     if (off := np.abs(products - filled).max(initial=0.0)) > _ORTHONORMAL:
-        raise ValueError(f"basis must have orthonormal columns or zero ones, got {off:.3g} off")
+        raise ValueError(
+            f"basis must have orthonormal or zero columns, got a deviation of {off:.3g}"
+        )
     return canonical(columns)
 
 

@@ -77,8 +77,8 @@ class Packed(NamedTuple):
     def at_bounds(self, x: Array) -> NDArray[np.int8]:
         """Return -1 where x is at its lower bound, 1 at the upper one, 0 elsewhere, (B, n).
 
-        Decided by value: if several bounds become active at once, it depends on round-off which of
-        them the solver counts.
+        The values decide: if several bounds become active at once, the solver's choice among them
+        depends on round-off.
         """
         zero = self._target_size[:, None] * ACCURACY
         at_lower = ~exceeds(x, self.lower, zero=zero)
@@ -142,13 +142,10 @@ class Point(NamedTuple):
 
 
 def solve(packed: Packed, start: Point | None = None, most_steps: int | None = None) -> Point:
-    """Solve each problem.
+    """Return the solution of each problem.
 
-    Args:
-        packed: The problems.
-        start: Solution of similar problems, whose active set is the initial one.
-        most_steps: Bound on the steps of the active set for each problem; None is 20 (n + 1) for
-            each level.
+    The active set of `start` is the initial one. `most_steps` bounds the steps for each problem;
+    None is 20 (n + 1) for each level.
     """
     count, _, n = packed.A.shape
     warm = start is not None and start.x.shape == (count, n)
@@ -167,11 +164,7 @@ def solve(packed: Packed, start: Point | None = None, most_steps: int | None = N
 
 
 def solved(packed: Packed, start: Point | None = None, most_steps: int | None = None) -> Point:
-    """Solve each problem and refuse targets whose products with their weights overflow.
-
-    Raises:
-        ValueError: A target times its weight is 1e120 or more.
-    """
+    """Return the solution of each problem; refuse a target of 1e120 or more times its weight."""
     point = solve(packed, start, most_steps)
     if (point.report[:, 1] < 0.0).any():
         raise ValueError("targets times their weights must be below 1e120, got more")
@@ -186,7 +179,7 @@ def _shape(
     damping: tuple[float, ...],
     batch: tuple[int, int, int, bool, int | None, float],
 ) -> tuple[Struct, int]:
-    """Return the kernel's description of problems of one shape, and the workspace that it needs."""
+    """Return the kernel's description of problems of one shape, and its workspace size."""
     count, matrices, bounds, warm, most_steps, tolerance = batch
     problem = Struct(
         "lexicographic_problem",

@@ -13,7 +13,7 @@ RANK_TOLERANCE = 1e-10
 
 
 NOTHING = 1e-200
-"""Magnitude below which a singular value is zero at any scale: its inverse could overflow."""
+"""Magnitude below which a singular value counts as zero, since its inverse could overflow."""
 
 ERROR_MARGIN = 2.0
 """Factor from the first-order error of a singular value to the threshold."""
@@ -125,7 +125,7 @@ def whole_svd(A: Array, *, full: bool = True) -> tuple[Array, Array, Array]:
         return np.eye(len(A)), np.zeros(0), np.eye(A.shape[1])
     U, sigma, Vt, failed = dgesdd(A, full_matrices=full)  # numpy takes longer for small matrices
     if failed:
-        raise np.linalg.LinAlgError("SVD did not converge")
+        raise np.linalg.LinAlgError("the singular value decomposition did not converge")
     return U, sigma, Vt
 
 
@@ -160,7 +160,7 @@ def ranked_svd(
         ValueError: A is not finite, because products of the inputs overflowed.
     """
     if not (is_moderate(A) or np.isfinite(A).all()):  # LAPACK may not return
-        raise ValueError("J, weights and metrics must have finite products, got an overflow")
+        raise ValueError("J, weights and metrics must be smaller, got products that overflow")
     if A.ndim == 2 and (A.size or full):
         U, sigma, Vt = whole_svd(A, full=full)
     elif A.size or full:

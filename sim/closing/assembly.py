@@ -205,8 +205,7 @@ def _follow(
     `part` and `why` are the first fraction to test and the reason if it is below 1; those of the
     fraction that was taken are returned.
 
-    Raises:
-        ValueError: No fraction is small enough.
+    If no fraction is small enough, a ValueError is raised.
     """
     start, first_attempt = data.qpos.copy(), True
     while part > _SHORTEST:
@@ -237,7 +236,7 @@ def _fault(data: mujoco.MjData, goal: Loops, step: Array) -> tuple[float, str]:
     try:
         close(data, goal)
     except ClosureError as error:
-        return 0.5, f"{error.equality} stays open by {error.gap:.3g} (m or rad)"
+        return 0.5, f"{error.equality} stays open by {error.gap:.3g} {error.unit}"
     mujoco.mj_differentiatePos(model, correction, 1.0, before, data.qpos)
     change, length = _lengths(model, data, correction, step)
     if change <= _LONGEST_CORRECTION * length + CLOSED:
@@ -245,7 +244,7 @@ def _fault(data: mujoco.MjData, goal: Loops, step: Array) -> tuple[float, str]:
     data.qpos[:] = before
     mujoco.mj_fwdPosition(model, data)
     predicted = (1.0 - _LONGEST_CORRECTION) * _LONGEST_CORRECTION * length / change
-    opened = goal.largest_gap(data)[1]
+    opened = goal.described(goal.largest_gap(data)[1])[1]
     why = f"closing {opened} again changes {change / length:.0%} of the motion"
     return max(predicted, 0.5), why
 

@@ -163,7 +163,7 @@ class Closures(NamedTuple):
         return turns
 
     def _open(self, data: mujoco.MjData) -> Array:
-        """Return MuJoCo's residuals, those of the closures first."""
+        """Return MuJoCo's residuals; the first ones are those of the closures."""
         return data.efc_pos if self.places is None else data.efc_pos[self.places]
 
     def gaps(self, data: mujoco.MjData) -> Array:
@@ -174,43 +174,38 @@ class Closures(NamedTuple):
         return self._open(data)[: len(self.units)] * self.units
 
     def largest_gap(self, data: mujoco.MjData) -> float:
-        """Return the largest gap, [m] or [rad]; 0 without closures.
-
-        Raises:
-            ModelError: An equality is not finite.
-        """
+        """Return the largest gap, [m] or [rad], 0 without closures; raise if one is not finite."""
         if not self.units.size:
             return 0.0
         gaps, units = pointer(self._open(data)), pointer(self.units)
         largest = lib.largest(gaps, units, len(self.units))
         if not isfinite(largest):
-            raise ModelError("an equality of the model is not finite")
+            raise ModelError("an equality of the model must be finite, got NaN or infinity")
         return largest
 
     def check_closed(self, model: mujoco.MjModel, data: mujoco.MjData, tolerance: float) -> float:
-        """Return the largest gap, [m] or [rad], after checking it against the tolerance.
+        """Return the largest gap, [m] or [rad], if it is within the tolerance.
 
-        Raises:
-            ClosureError: The gap is larger.
-            ModelError: An equality is not finite.
+        A larger gap raises a ClosureError, one that is not finite a ModelError.
         """
         if (gap := self.largest_gap(data)) > tolerance:
-            name = equality_name(model, self.worst(data))
-            raise ClosureError(name, gap, "call sim.assemble(model, data)")
+            unit, name = self.described(model, self.worst(data))
+            raise ClosureError(name, gap, unit, "call sim.assemble(model, data)")
         return gap
 
     def worst(self, data: mujoco.MjData) -> int:
-        """Return the equality with the largest gap; -1 without closures."""
+        """Return the row with the largest gap; -1 without closures."""
         gaps = np.abs(self.gaps(data))
-        return int(self.equality[greatest(gaps)]) if gaps.size else -1
+        return greatest(gaps) if gaps.size else -1
+
+    def described(self, model: mujoco.MjModel, row: int) -> tuple[str, str]:
+        """Return the unit of a row's gap and a description of its equality."""
+        unit = "rad" if self.turns(model)[row] else "m"
+        return unit, equality_name(model, int(self.equality[row]))
 
 
 def active_closures(model: mujoco.MjModel, data: mujoco.MjData) -> Closures:
-    """Return the active closures, from MuJoCo's last computation.
-
-    Raises:
-        ModelError: The model's flags disable active equalities.
-    """
+    """Return the active closures; raise a ModelError if flags disable active equalities."""
     _check_flags(model, data)
     with_sleepers(model, data, mujoco.mj_tendon, mujoco.mj_makeConstraint)
     equality, places = data.efc_id[: data.ne].astype(np.intp), None

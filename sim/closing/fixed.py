@@ -50,11 +50,7 @@ class LocatedPin(NamedTuple):
 
 
 def pins_of(model: mujoco.MjModel, pinned: Iterable[str | Body | Pin]) -> tuple[LocatedPin, ...]:
-    """Look up the pins of an argument `pinned`; a frame given without :class:`Pin` may rotate.
-
-    Raises:
-        ModelError: A frame does not exist.
-    """
+    """Look up the pins of an argument `pinned`; a frame given without :class:`Pin` may rotate."""
     pins = []
     for pin in check.members("pinned", pinned, str, Body, Pin):
         frame, weld = (pin.frame, pin.weld) if isinstance(pin, Pin) else (pin, False)
@@ -77,7 +73,7 @@ class FixedMotion(NamedTuple):
     poses: tuple[tuple[Array, Array], ...] = ()
 
     def binds(self, data: mujoco.MjData) -> bool:
-        """Return whether there are equalities, or fixed drives or pins, to be closed."""
+        """Return whether any equality, fixed drive or pin has to be closed."""
         return bool(self.drives or self.pins or data.eq_active.any())
 
     def at(self, data: mujoco.MjData) -> "FixedMotion":
@@ -165,7 +161,7 @@ def _by_name(model: mujoco.MjModel, name: str) -> list[int] | Drive:
         names = sorted({label for label, _ in (*joints, *extra)} - {""})
         near = get_close_matches(name, names, 1)
         hint = f'; did you mean "{near[0]}"?' if near else f"; it has: {listed(names)}"
-        raise ModelError(f'held: the model has no joint "{name}"{hint}')
+        raise ModelError(f'held: the model has no joint, tendon or actuator "{name}"{hint}')
     if len(matches) > 1:
         raise ModelError(f'held: "{name}" means both a joint and a tendon or actuator')
     match = matches[0]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import argument_checks as check
 from argument_checks.ties import exceeds, greatest
 from sim.array import Array
-from sim.closing.equalities import Closures, equality_name
+from sim.closing.equalities import Closures
 from sim.closing.fixed import FixedMotion
 from sim.errors import ClosureError
 from sim.mjcf.accuracy import COARSEST, written_accuracy
@@ -76,23 +76,26 @@ class Loops:
         """Return a copy with other fixed coordinates of the same drives and frames."""
         return check.unchecked_record(Loops, **vars(self) | {"fixed": fixed})
 
-    def largest_gap(self, data: mujoco.MjData) -> tuple[float, str]:
-        """Return the largest gap and the name of its element, from MuJoCo's last computation."""
+    def largest_gap(self, data: mujoco.MjData) -> tuple[float, int]:
+        """Return the largest gap and its row, -1 without gaps, from MuJoCo's last computation."""
         self._wake(data)
-        most, equality = self.closures.largest_gap(data), self.closures.worst(data)
+        most, row = self.closures.largest_gap(data), self.closures.worst(data)
         fixed_gaps = np.abs(self.fixed.gaps(data))
         if exceeds(fixed_gaps.max(initial=0.0), most):
-            return float(fixed_gaps.max()), self.fixed.names()[greatest(fixed_gaps)]
-        return most, equality_name(self.model, equality) if equality >= 0 else ""
+            return float(fixed_gaps.max()), len(self.closures.units) + greatest(fixed_gaps)
+        return most, row
+
+    def described(self, row: int) -> tuple[str, str]:
+        """Return the unit of a gap and a description of its element."""
+        fixed_row = row - len(self.closures.units)
+        if fixed_row < 0:
+            return self.closures.described(self.model, row)
+        return "rad" if self.fixed.turns()[fixed_row] else "m", self.fixed.names()[fixed_row]
 
     def gaps(self, data: mujoco.MjData) -> Array:
-        """Return all gaps (c,) in their units.
-
-        Raises:
-            ModelError: A gap is not finite.
-        """
+        """Return all gaps (c,) in their units; raise a ModelError if one is not finite."""
         self._wake(data)
-        self.closures.largest_gap(data)  # raises
+        self.closures.largest_gap(data)  # raises if one is not finite
         every = np.append(self.closures.gaps(data), self.fixed.gaps(data))
         return every / self.row_units
 
@@ -127,11 +130,7 @@ class Loops:
 
 
 def close(data: mujoco.MjData, loops: Loops) -> None:
-    """Close loops in place by Newton's method; derived quantities are up to date before and after.
-
-    Raises:
-        ClosureError: A loop does not close.
-    """
+    """Close loops in place by Newton's method, or raise a ClosureError; `data` stays up to date."""
     if loops.largest_gap(data)[0] < _ROUND_OFF:  # the usual case, and faster
         return
     aim = CLOSED * np.minimum(1.0, 1.0 / loops.row_units)
@@ -155,8 +154,10 @@ def close(data: mujoco.MjData, loops: Loops) -> None:
             break
     if (np.abs(loops.gaps(data)) < CLOSED).all():
         return
-    gap, equality = loops.largest_gap(data)
-    raise ClosureError(equality, gap, "no pose nearby closes it: hold or pin less, or start nearer")
+    gap, row = loops.largest_gap(data)
+    unit, name = loops.described(row)
+    advice = "no pose nearby closes it: hold or pin less, or start nearer"
+    raise ClosureError(name, gap, unit, advice)
 
 
 def _come_nearer(data: mujoco.MjData, loops: Loops, step: Array, closing: Array) -> bool:

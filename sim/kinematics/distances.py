@@ -16,7 +16,7 @@ from sim.closing.newton import FRACTIONS
 from sim.errors import ModelError
 from sim.kinematics.task import subtree_bodies
 from sim.mjcf.frame import Body, located
-from sim.mjcf.model import check_state, element_id
+from sim.mjcf.model import check_state, element_id, name_of
 
 _FARTHEST_M = 100.0
 """Largest requested distance [m]: MuJoCo loses digits of a distance as this grows."""
@@ -58,12 +58,12 @@ class Distances:
     parent unless that is fixed in the world, of bodies under an `exclude`, and those whose
     `contype` and `conaffinity` do not match. A `pair` of the model is always included.
 
-    Distances are those of `mj_geomDistance`. Rates of separated geoms are accurate to 1e-3 of a
-    unit velocity, and so are those of penetrating spheres, boxes, meshes and planes. The depth of a
-    capsule in a box, of an ellipsoid and of a cylinder is approximate: one rate in ten is wrong by
-    1 % or more, a few have another direction. Outside height fields one rate in a hundred is
-    wrong; inside, the depth is not the distance to the surface. Pairs of height fields, or of a
-    height field and a plane, are never near.
+    Distances are those of `mj_geomDistance`. Rates of separated geoms, and of penetrating spheres,
+    boxes, meshes and planes, are accurate to 1e-3 of a unit velocity. For the approximate depth of
+    a capsule in a box, of an ellipsoid or of a cylinder, one rate in ten is wrong by 1 % or more,
+    and a few have another direction. Outside height fields one rate in a hundred is wrong; inside,
+    the depth is not the distance to the surface. Pairs of height fields, or of a height field and a
+    plane, are never near.
 
     Attributes:
         model: Any model.
@@ -72,7 +72,7 @@ class Distances:
             body and its subtree. None is every pair of the model.
         margin_m: Smallest allowed distance [m].
         detection_m: Distance [m] below which a pair is near; above the margin, at most 100 m.
-        gain: Fraction of the distance to the margin that a tick may use, in 0..1 but not 0.
+        gain: Fraction of the distance to the margin that a tick may use, above 0, at most 1.
 
     Raises:
         ModelError: A geom or body does not exist, or is a signed distance field, whose distances
@@ -116,11 +116,11 @@ class Distances:
         if not len(collidable):
             raise ModelError(
                 "pairs must name two geoms that MuJoCo lets collide, got none: see contype, "
-                "conaffinity and exclude; those of one rigid body, or of a body and its parent, do "
-                "not"
+                "conaffinity and exclude; geoms of one body, or of it and its parent, never collide"
             )
         if (fields := collidable[model.geom_type[collidable] == _SDF]).size:
-            raise ModelError(f"pairs must name no signed distance field, got geom {fields[0]}")
+            field = name_of(model.geom(fields[0]))
+            raise ModelError(f'pairs must name no signed distance field, got geom "{field}"')
         return check.read_only(collidable)
 
     def at(self, data: mujoco.MjData, within_m: float = 0.0) -> Near:
@@ -164,10 +164,10 @@ class Distances:
     def safe_fraction(self, data: mujoco.MjData, qvel: ArrayLike, dt: float) -> float:
         """Return the largest fraction 1, 1/2, ..., 1/1024, 0 of a step that ends at safe distances.
 
-        After the step no pair is nearer than the margin, or than its distance before if that was
-        smaller, to a nanometre. (Rates alone do not ensure this: they are those of the present
-        witness points, and other points of a rotating box may come nearer.) Only the end of the
-        step is checked, so steps must be shorter than obstacles are thick.
+        After the step no pair is more than 1 nm nearer than the margin, or than before if it was
+        within the margin. (Rates do not ensure this, because they are those of the present witness
+        points.) Only the end of the step is checked, so steps must be shorter than obstacles are
+        thick.
 
         Args:
             data: State, as for :meth:`at`. Its `qpos` is changed and restored.

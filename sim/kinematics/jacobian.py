@@ -60,11 +60,11 @@ class Names(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Jacobians:
-    """Jacobians of a MuJoCo model, v = J_T u and 0 = J_C u, with u = [qvel; other actuators'].
+    """Jacobians of a MuJoCo model, v = J_T u and 0 = J_C u, of N generalized velocities u.
 
-    The N velocities are the nv of MuJoCo, then one for each transmission that is no slide or hinge
-    joint. Further properties are computed on first use. Errors are in the unit of the entry; the
-    natural unit is 1 rad for angles and the mechanism's length for lengths.
+    The velocities u are MuJoCo's qvel (nv,), then one for each transmission that is no slide or
+    hinge joint. Further properties are computed on first use. Errors are in the unit of the entry;
+    the natural unit is 1 rad for angles and the mechanism's length for lengths.
 
     Attributes:
         J_T: Task Jacobian, shape (m, N); for a frame, the twist [angular; linear] of its origin,
@@ -76,7 +76,7 @@ class Jacobians:
         rows: Rows of J_T of each task.
         closure_residual: Largest gap of the closures, [m] or [rad].
         structure: Pose-independent structure of the Jacobians.
-        place: Pose, as returned by `mj_getState`.
+        place: State that determines the Jacobians, as returned by `mj_getState`.
     """
 
     J_T: Array
@@ -90,7 +90,7 @@ class Jacobians:
 
     @property
     def accuracy(self) -> "Jacobians":
-        """Error bounds and natural units of the entries: these Jacobians themselves."""
+        """Error bounds and natural units of the entries, which are properties of this object."""
         return self
 
     @property
@@ -185,7 +185,7 @@ class Jacobians:
     def stiffness(self) -> Array | None:
         """Stiffness matrix of the springs, (N, N); None if one is not linear in the joint motion.
 
-        This includes a loaded spatial tendon, since its force rotates with it.
+        A loaded spatial tendon is not, since its force rotates with it.
         """
         model, extra = self._model, len(self.structure.extra)
         if model.tendon_stiffnesspoly.any():
@@ -216,7 +216,7 @@ class Jacobians:
 
     @cached_property
     def one_sided(self) -> Array:
-        """Direction 1 or -1 of each active velocity that is only pushed so, else 0, shape (n,)."""
+        """Direction 1 or -1 if an active velocity's actuators push only that way, else 0, (n,)."""
         signs = [drive.one_sided for drive in self.drives] + [0] * self.structure.variables
         return check.read_only(np.array(signs, dtype=int))
 
@@ -269,14 +269,14 @@ class Jacobians:
         dropped = np.flatnonzero(at_body & model.site_pos.any(axis=1))
         actuators = range(model.nactuator)
         texts: dict[str, list[str]] = {
-            "opt.disableactuator switches off, so not active: ": [
+            "switched off by opt.disableactuator, so not active: ": [
                 name_of(model.actuator(k)) for k in actuators if is_disabled(model, k)
             ],
             "actuated in one direction only, which the mappings do not consider: ": [
                 drive.name for drive in self.drives if drive.one_sided
             ],
-            "MuJoCo drops offsets of sites below 1e-6 of the unit of length, state the model in a "
-            "smaller one; these are at the origins of their bodies: ": [
+            "placed at the origins of their bodies, because MuJoCo drops site offsets below 1e-6 "
+            "length units (state the model in a smaller unit): ": [
                 name_of(model.site(k)) for k in dropped
             ],
         }

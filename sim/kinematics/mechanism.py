@@ -38,7 +38,7 @@ class JointPosture(Jacobians):
 
 
 class Mechanism:
-    """Mechanism as :class:`.MechanismModel`: MuJoCo's kinematics without dynamics.
+    """Kinematic model of a mechanism for a controller, a :class:`.MechanismModel` by MuJoCo.
 
     Threads may share an instance. All joints, closures and actuators that :func:`jacobians` takes
     are supported; an actuator without joint or tendon has no measured position, and its
@@ -87,7 +87,7 @@ class Mechanism:
         return vars(self) | {"_observers": []}
 
     def jacobians(self, posture: JointPosture) -> Jacobians:
-        """Return the Jacobians in a posture, which is the posture itself."""
+        """Return the posture itself, which has J_T (m, N), J_C (c, N) and active (n,)."""
         return _checked(posture)
 
     def displacements(self, posture: JointPosture) -> Array:

@@ -23,8 +23,7 @@ _ROTATION_ERROR = 1e-6
 class Pose:
     """Rotation (..., 3, 3) and translation [m] (..., 3) of one frame or a batch of frames.
 
-    For a plant's payload they are relative to nominal, in base axes; for :func:`pose_of` in the
-    axes given.
+    A plant's payload pose is relative to nominal, in base axes; :func:`pose_of` uses its `axes`.
     """
 
     rotation: Array
@@ -34,7 +33,7 @@ class Pose:
         """Check the arguments and store read-only copies."""
         check.freeze_field(self, "rotation", 3, 3)
         check.freeze_field(self, "translation_m", 3)
-        _ = self.lead  # raises where there is none
+        _ = self.lead  # raises if the batch axes do not broadcast
 
     @classmethod
     def from_matrix(cls, T: ArrayLike) -> "Pose":
@@ -71,7 +70,7 @@ class Pose:
     def transform(self) -> RigidTransform:
         """Return the pose as a scipy `RigidTransform`, for products, inverses and logarithms.
 
-        Before scipy 1.17 a batch has one leading axis there.
+        Before scipy 1.17 at most one batch axis is allowed.
         """
         return RigidTransform.from_matrix(self.matrix())
 

@@ -257,11 +257,8 @@ def rows_at(
 ) -> tuple[Array, Array]:
     """Return J_T (m, N) and J_C (c, N), read-only, at a pose that is up to date.
 
-    They are copies, or views that the next call with the same `cache` overwrites.
-
-    Raises:
-        ModelError: Rows of closures or transmissions are not finite.
-        ValueError: A task's Jacobian has another number of rows than its `angular`.
+    They are copies, or views that the next call with the same `cache` overwrites. Rows that are not
+    finite or not as many as `angular` raise a ModelError or ValueError.
     """
     model = of.model
     limits = stuck_rows(model, data, of.stuck) if of.stuck else _NONE_STUCK
@@ -278,7 +275,7 @@ def rows_at(
         for whole, part in zip(to.whole, to.per_qvel, strict=True):
             whole[:, : model.nv] = part
     if not check.is_moderate(to.per_qvel[1]):
-        raise ModelError("an equality or a transmission of the model is not finite")
+        raise ModelError("equalities and transmissions must be finite, got NaN or infinity")
     J_T, J_C = to.views
     if copied:
         J_T, J_C = check.read_only(J_T.copy()), check.read_only(J_C.copy())

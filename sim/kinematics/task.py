@@ -26,7 +26,7 @@ class CenterOfMass:
     """Task of three rows: the centre of mass of the model, or of a body with its subtree.
 
     Attributes:
-        body: Name of that body; None is the whole model.
+        body: Name of the body; None is the whole model.
     """
 
     body: str | None = None
@@ -93,7 +93,7 @@ class TaskFunction(ABC):
     passed to `fjh.Ik`, which looks up their names.
 
     Attributes:
-        target: Target value; None if it is not set yet.
+        target: Target value; None until it is set.
         gain: Fraction of the error to correct in one tick, in 0..1.
         weight: Weight of the rows within their level: one number or (k,); None is 1, in natural
             units.
@@ -131,11 +131,11 @@ class TaskFunction(ABC):
         object.__setattr__(self, name, value)
 
     def fix(self) -> None:
-        """Fix the attributes that :meth:`on` looks up."""
+        """Make the attributes that :meth:`on` looks up read-only."""
         object.__setattr__(self, "_is_fixed", True)
 
     def checked(self, target: Any) -> Any:
-        """Return the checked target in the form that the error is computed from."""
+        """Check a target and return it in the form from which the error is computed."""
         return target
 
     @abstractmethod

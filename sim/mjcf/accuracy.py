@@ -28,10 +28,10 @@ _CANDIDATES = np.arange(1, 9)
 """Candidate numbers of digits of directions. Nine would match a full number by chance more than
 once in 10,000 times, as the comparison resolves 1e-14."""
 _NEARBY = np.arange(-2, 3)
-"""Candidate changes of the largest component by normalization, in units of its last digit: 1 for
-the rounding of four components, which changes the norm, and 0.5 for its own."""
+"""Candidate changes of the largest component by normalization, in units of its last digit: rounding
+four components changes the norm by up to 1, and the component itself by 0.5."""
 _SMALLEST_ANGLE_RAD = 1e-5
-"""Largest component treated as a rounded zero: 3.1416 for pi leaves 7e-6."""
+"""Largest component treated as a rounded zero: rotation by 3.1416 instead of pi leaves 7e-6."""
 COARSEST = 0.5e-4
 """Coarsest accuracy that can result from these digits, in rad or relative length."""
 

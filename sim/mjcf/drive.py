@@ -41,10 +41,10 @@ class Drive:
 
     Attributes:
         ids: Numbers of the actuators.
-        gear: Gear of each actuator: its length grows by gear times the velocity, its force acts
-            gear times.
-        outputs: Index of each in `data.actuator_force`. The row of the first in
-            `data.actuator_moment`, divided by its gear, maps qvel to the velocity.
+        gear: Gear of each actuator, which multiplies the velocity to the rate of its length, and
+            its force to that along the velocity.
+        outputs: Index of each actuator in `data.actuator_force`. The first row in
+            `data.actuator_moment`, divided by the gear, maps qvel to the velocity.
         joint: Number of the slide or hinge that is driven; None if there is none.
         has_length: Whether `data.actuator_length` is a length whose gradient is the velocity's
             row: true for joints, tendons and slider-cranks.
@@ -149,11 +149,9 @@ def _force_range(model: mujoco.MjModel, actuator: int) -> Array:
 
 
 def number_of(name: str, names: Sequence[Sequence[str]]) -> int:
-    """Find the actuator with a name, or with a number in digits; its own name has priority.
+    """Return the number of an actuator given by a name, or by its number in digits.
 
-    Args:
-        name: Name of a joint, tendon or actuator.
-        names: Names of each actuator, its own name first.
+    `names` has the names of each actuator (own, joint or tendon), its own first, with priority.
 
     Raises:
         ValueError: No actuator has this name; the message suggests the nearest one.
@@ -236,7 +234,7 @@ def is_disabled(model: mujoco.MjModel, actuator: int) -> bool:
 
 
 def drive_rows(model: mujoco.MjModel, data: mujoco.MjData, some: Sequence[Drive]) -> Array:
-    """Return the rows (len(some), nv) that map qvel to the velocities of some drives.
+    """Return the rows (k, nv) that map qvel to the velocities of k drives.
 
     `mj_transmission` must have been called on `data`.
     """
@@ -366,9 +364,6 @@ def add_locks(spec: mujoco.MjSpec, model: mujoco.MjModel) -> bool:
     """Add an inactive lock for each actuated joint or tendon without one; return if one was added.
 
     `spec`, from which `model` was compiled, is changed; the caller compiles it again.
-
-    Raises:
-        ModelError: Another equality already has the name of a lock to be added.
     """
     taken = {model.equality(k).name for k in range(model.neq)}
     locked, before = {locked_by(model, k) for k in range(model.neq)}, len(spec.equalities)

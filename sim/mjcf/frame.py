@@ -89,7 +89,7 @@ def located(model: mujoco.MjModel, argument: str, frame: str | Body) -> Located:
         frame = Body(frame)
     body = element_id(model, "body", frame.name) if isinstance(frame.name, str) else frame.name
     if body >= model.nbody:
-        raise ModelError(f"the model has bodies 0 to {model.nbody - 1}, got {body}")
+        raise ModelError(f"{argument}: the model has bodies 0 to {model.nbody - 1}, got {body}")
     return Located(body, body, is_site=False)
 
 

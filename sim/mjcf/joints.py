@@ -73,7 +73,7 @@ def turning(model: mujoco.MjModel) -> Array:
 def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """Compute the joint-space inertia at `data.qpos`, armature included, shape (nv, nv).
 
-    Derived quantities in `data` are brought up to date. [kg], [kg m] and [kg m^2].
+    It is in [kg], [kg m] and [kg m^2]. Derived quantities in `data` are brought up to date.
     """
     check_state(model, data)
     mujoco.mj_fwdPosition(model, data)

@@ -125,10 +125,7 @@ def stuck_names(argument: str, stuck: bool | Iterable[str]) -> bool | tuple[str,
 def stuck_rows(model: mujoco.MjModel, data: mujoco.MjData, stuck: bool | tuple[str, ...]) -> Array:
     """Return the rows (p, nv) of velocities that are zero because an element rests on its limit.
 
-    `stuck` is True for all joints and tendons on a limit, or names some; `data` is up to date.
-
-    Raises:
-        ModelError: A named joint or tendon rests on no limit.
+    `stuck` is True for all joints and tendons on a limit, or names some, which must rest on one.
     """
     resting = at_limits(model, data)
     if not isinstance(stuck, bool):

@@ -303,10 +303,10 @@ def beyond_ranges(model: mujoco.MjModel, drives: tuple[Drive, ...], commands: Co
 
 
 def lock_of(model: mujoco.MjModel, drive: Drive) -> int:
-    """Return the number of the equality that locks a drive; -1 if it is no joint and has none.
+    """Return the number of the equality that locks a drive; -1 if there is none and it is no joint.
 
-    It is `lock1`, `lock2`, ..., after the first actuator of the joint or tendon, or any equality
-    that fixes only this element.
+    Its name is `lock{k + 1}`, with k the first actuator of the joint or tendon; or it is any
+    equality that fixes only this element.
 
     Raises:
         ModelError: A joint has no lock, or the equality of this name does anything else.

@@ -18,7 +18,7 @@ from sim.plant.plant import Failure, Plant, physics_steps
 
 
 class Reading(NamedTuple):
-    """Sensor reading at one tick, as :class:`ftc.Measurement`: major task (m1,), actuators (n,)."""
+    """Sensor reading at one tick: major task (m1,) and actuator displacements (n,)."""
 
     output: Array
     displacement: Array
@@ -33,7 +33,7 @@ class Sensors(Protocol):
 
 
 class TaskSensor:
-    """Encoders, and a sensor of the task frame itself such as a camera or a tracker."""
+    """Encoders, and a sensor of the task frame itself, such as a camera or a tracker."""
 
     def __init__(
         self, rows: Sequence[int], noise: float, encoder_noise: float, seed: int | Sequence[int]
@@ -57,7 +57,7 @@ class TaskSensor:
 
 
 class JointSensors:
-    """Encoders alone: the task is computed by forward kinematics of a model with closed loops."""
+    """Encoders as the only sensors: forward kinematics with closed loops gives the task."""
 
     def __init__(
         self,
@@ -141,11 +141,11 @@ class Bench:
         rotation: Rotation of the task frame at each tick, shape (N, 3, 3).
         translation_m: Translation of the task frame, shape (N, 3).
         task: [rotation vector; translation] of the task frame, shape (N, 6).
-        displacement: Displacements of the actuators, shape (N, n).
-        closure_residual_m: Largest gap of a closed loop, shape (N,).
+        displacement: Displacements of the actuators, [m] or [rad], shape (N, n).
+        closure_residual_m: Largest gap of a closed loop, 1 rad counted as 1 m, shape (N,).
         qpos: Joint positions, shape (N, nq); None if they are not logged.
-        actuator_force: MuJoCo's forces at the end of the previous period, shape (N, outputs);
-            None if `qpos` is.
+        actuator_force: MuJoCo's forces at the end of the previous period, [N] or [N m], shape (N,
+            outputs); None if they are not logged.
         reading_error: Error to raise if the controller cannot use the last reading, which an event
             has changed; None if the reading is complete.
     """
@@ -251,8 +251,8 @@ class Bench:
             **{name: getattr(self, name) for name in names},
             all_qpos=all_qpos,
             all_forces=all_forces,
-            kept_qpos=all_qpos.shape[1],
-            kept_forces=all_forces.shape[1],
+            logged_qpos=all_qpos.shape[1],
+            logged_forces=all_forces.shape[1],
         )
 
     def measure(self) -> Reading:
@@ -299,7 +299,7 @@ class Bench:
 
 
 def hooks_of(events: object) -> list[Any]:
-    """List the hooks `plant`, `measured` and `sent` of an object; None for a missing one."""
+    """Return the hooks `plant`, `measured` and `sent` of an object; None for a missing one."""
     takes = {"plant": "tick, model, data", "measured": "tick, reading", "sent": "tick, inputs"}
     hooks = {name: getattr(events, name, None) for name in takes}
     present = {name: hook for name, hook in hooks.items() if hook is not None}
@@ -332,11 +332,13 @@ def measured_by(hook: Callable[[int, Any], Any], tick: int, reading: Any) -> tup
             arrays.append(check.array(f"{part} of {name}", value, *before.shape, finite=False))
     except (ValueError, TypeError) as error:
         return changed, error
-    missing = ValueError(f"the controller must run without the numbers missing in {name}")
+    missing = ValueError(
+        f"{name} must have finite numbers, unless the controller runs without them"
+    )
     return Reading(*arrays), None if np.isfinite(arrays[0]).all() else missing
 
 
 def sent_by(hook: Callable[[int, Array], Array], tick: int, inputs: Array) -> Array:
-    """Return the inputs changed by a hook, checked to be as many finite numbers."""
+    """Return the inputs (n,) changed by a hook, which must be finite."""
     name = f"what events.sent returns at tick {tick}"
     return check.array(name, hook(tick, inputs.copy()), *inputs.shape)

@@ -21,8 +21,8 @@ from sim.mjcf.part import Part
 
 _NO_CLAMP = int(mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL)
 _UNOBSERVABLE, _NEGLIGIBLE, _MOSTLY = 1e-6, 1e-12, 0.3
-"""Relative stiffness and output below which a motion has none; size that counts as zero; fraction
-of a motion's largest joint speed at which a joint is listed as moving."""
+"""Relative stiffness and output that count as none; size that counts as zero; fraction of a
+motion's largest joint speed at which a joint is listed as moving."""
 _REDUNDANT = 1e-9
 """Relative singular value below which constraints are redundant: loops close to 1e-10."""
 
@@ -137,7 +137,7 @@ def linearize(
     site: Task = "payload",
     axes: str | None = "base",
 ) -> LinearPlant:
-    """Linearize at `data`, which must be at rest; locks, disabled actuators and loads count.
+    """Return the linear model at rest in `data`, with its locks, disabled actuators and loads.
 
     Equalities are the only constraints: contacts, joint limits and ranges of controls are left
     out. Dry friction is not linear, and is returned separately from A.
@@ -170,7 +170,8 @@ def linear_plant(
         name = name_of(model.actuator(k))
         raise ModelError(f'actuator "{name}" has an internal state: the linear model has none')
     for k in np.flatnonzero(model.actuator_delay):
-        raise ModelError(f"actuator number {k} delays its control: the linear model has no delay")
+        name = name_of(model.actuator(k))
+        raise ModelError(f'actuator "{name}" delays its control: the linear model has no delay')
     check_closures(model, data)
     mujoco.mj_fwdPosition(model, data)
     Z = allowed(closure_rows(model, data))

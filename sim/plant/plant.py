@@ -34,7 +34,8 @@ _UNINTERRUPTED = 250
 _STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 FailureKind = Literal["locked", "free", "loose", "weak"]
-"""Kinds of failure: stuck in place; no force; neither force nor spring; reduced force."""
+"""Kinds of failure, in this order: stuck in place; no force; neither force nor spring; reduced
+force."""
 
 
 class Plant:
@@ -348,7 +349,7 @@ class Plant:
         """Return the number 0..n-1 of an actuator given by number or name.
 
         Raises:
-            ValueError: There is none; the message suggests the nearest name.
+            ValueError: No actuator has it; the message suggests the nearest name.
         """
         if not isinstance(actuator, str):
             return self._index(actuator)
@@ -362,12 +363,7 @@ class Plant:
 
 
 def physics_steps(name: str, period_s: float, timestep_s: float) -> int:
-    """Count the physics steps in a period; `name` is the argument's name in messages.
-
-    Raises:
-        ValueError: There are more than 1e7 steps.
-        ModelError: The period is not a whole number of steps.
-    """
+    """Return the number of physics steps in a period, a whole number of at most 1e7, or raise."""
     steps = round(check.number(name, period_s, check.SMALLEST) / timestep_s)
     if steps > MOST_STEPS:
         raise ValueError(

@@ -16,7 +16,7 @@ from sim.mjcf.model import check_state, start_of
 from sim.plant.linear import allowed
 
 _FASTEST = 0.5
-"""Largest natural frequency or damping rate times the time step: above it, steps overshoot."""
+"""Largest natural frequency or damping rate times the time step; faster drives overshoot."""
 
 
 def servoed(

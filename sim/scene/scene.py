@@ -34,7 +34,7 @@ _MOVED = 1e-3
 
 @dataclass(frozen=True)
 class Scene:
-    """File at rest, with the part that a task involves.
+    """Model file in a state of rest, with the part that a task involves.
 
     Attributes:
         model: Model of the whole file, for the physics.
@@ -143,7 +143,7 @@ def _rested(part: Part, start: mujoco.MjData, *, was_balanced: bool) -> mujoco.M
     if was_balanced and not is_in_equilibrium(part, rested):
         moves = _moved(part, start.qpos, rested)
         raise ModelError(
-            f"the servos balance the start and do not keep it: {moves}; make them stiffer (--servo "
+            f"the servos balance the start but do not hold it: {moves}; make them stiffer (--servo "
             "or servo_hz= for torque motors) or pin more (pinned)"
         )
     _check_balance(part, rested)
@@ -171,11 +171,12 @@ def _beyond_ranges(part: Part, stated: Array) -> str:
     mine = set(np.delete(model.dof_jntid, part.other_velocities).tolist())
     texts = [
         f"{joint_name(model, j)} at {stated[model.jnt_qposadr[j]]:.3g}, its range "
-        f"{model.jnt_range[j, 0]:.3g} to {model.jnt_range[j, 1]:.3g}"
+        f"{model.jnt_range[j, 0]:.3g} to {model.jnt_range[j, 1]:.3g} "
+        f"{'m' if model.jnt_type[j] == _SLIDE else 'rad'}"
         for j in _beyond(model, stated).tolist()
         if j in mine
     ]
-    where = f"the start is beyond ranges, and begins inside them instead: {listed(texts)}"
+    where = f"the start is beyond joint ranges and is moved inside: {listed(texts)}"
     return f"{where}; {_OTHER_START}" if texts else ""
 
 

@@ -325,7 +325,7 @@ class LocatedRates:
             return np.zeros(len(self.velocities))
         target = self.task.needed()
         if len(target) != model.nq:
-            raise ValueError(f"target of PostureTask must be ({model.nq},), got ({len(target)},)")
+            raise ValueError(f"target must have shape ({model.nq},), got ({len(target)},)")
         displacement = np.empty(model.nv)
         mujoco.mj_differentiatePos(model, displacement, 1.0, data.qpos, target)
         return displacement[self.velocities]

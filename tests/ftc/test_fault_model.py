@@ -73,7 +73,7 @@ def test_a_loose_strut_is_the_plant_that_is_linearized_without_its_spring(model)
     moved = np.linalg.solve(healthy.C_twist[:, :k], without.C_twist[:, :k])  # of their coordinates
     expected, tiny = moved @ without.A[k:, :k], 2e-4 * np.abs(A).max()
     np.testing.assert_allclose(A[:, :k] @ moved, expected, atol=tiny)
-    with pytest.raises(ValueError, match="needs a model with its spring"):
+    with pytest.raises(ValueError, match="must have a spring for strut"):
         fault_model(replace(nominal, spring=None), [Fault(4, "loose")])
 
 

@@ -87,8 +87,8 @@ HERE = r"\(test_guarded_controller.py, line \d+\)"
     [
         (divide, rf"raised ZeroDivisionError: .* {HERE}"),
         (leave, rf"raised SystemExit: 3 {HERE}"),
-        (lambda self, u: State(8, np.array([0.0, 1.0, np.nan])), "returned nan for drive 3"),
-        (lambda self, u: State(8, [0.0, -np.inf, 1.0]), "returned -inf for drive 2"),
+        (lambda self, u: State(8, np.array([0.0, 1.0, np.nan])), "returned nan for actuator 2"),
+        (lambda self, u: State(8, [0.0, -np.inf, 1.0]), "returned -inf for actuator 1"),
         (lambda self, u: State(8, u[:2]), r"returned shape \(2,\), expected \(3,\)"),
         (lambda self, u: State(8, None), "returned None, expected 3 numbers"),
         (lambda self, u: State(8, u * 1j), "returned array.*, expected 3 numbers"),

@@ -90,7 +90,7 @@ def test_readings_may_repeat_at_rest_and_without_noise():
     still = [np.zeros(2)] * 100
     assert all(state.usable for state in read(still, moving=False))
     text = read(still)[-1].sentence(PERIOD_S, *MESSAGES)
-    assert text == "the task's sensor repeats one value since 0.001 s: the commands are held"
+    assert text == "the task's sensor repeats one value (since t = 0.001 s): the commands are held"
     assert all(state.usable for state in read(still, SensorCheck(PERIOD_S, noisy=False)))
 
 

@@ -192,7 +192,7 @@ def test_the_status_describes_diagnosis_and_reaction():
         (with_monitor(confirmed, diagnosis=replace(again, confirmed=False)), "seems to work again"),
         (with_monitor(start, relearns=3), "learned as part of the machine"),
         (with_monitor(start, causes=(None,)), "by a slow disturbance, which is no failure"),
-        (with_monitor(start, causes=(Cause("offset", 3),)), "an offset of strut4"),
+        (with_monitor(start, causes=(Cause("offset", 3),)), "an offset of the command of strut4"),
         (with_monitor(start, causes=(Cause("supply"),)), "a change of the gain of all commands"),
         (with_monitor(start, causes=(Cause("scale"),)), "a change of the scale of all sensors"),
     ):

@@ -160,7 +160,7 @@ def contradictions() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]
     interval = [Task([0], interval=True), Task([1])]
     yield "interval as its only task", kin.hierarchy, {"levels": [interval]}
     yield "rows of levels", kin.hierarchy, {"levels": [Task([7])]}
-    yield "targets must be 2, one a level", hierarchy.solve, {"targets": [[1.0]]}
+    yield "targets must be 2, one for each level", hierarchy.solve, {"targets": [[1.0]]}
     yield "kinematics must", hierarchy.at, {"kinematics": wide}
     yield "kinematics must have a J of shape", mapping.at, {"kinematics": wide}
     least = {"levels": [(J, np.zeros(2))]}
@@ -172,7 +172,7 @@ def contradictions() -> Iterator[tuple[str, Callable[..., Any], dict[str, Any]]]
     yield "2 velocities and 2 actuators", ConstrainedSystem, made | {"names": Names(("a",), ())}
     atlas = {"system": system, "major": [0], "codes": [[0, 0]]}
     limits = -np.ones((3, 2)), np.ones((3, 2))
-    yield "rate_limits must be of shape", failure_atlas, atlas | {"rate_limits": limits}
+    yield "rate_limits must be two numbers", failure_atlas, atlas | {"rate_limits": limits}
 
 
 def test_contradictory_arguments_raise():

@@ -160,7 +160,7 @@ def test_disabled_actuators_are_not_active_and_give_a_warning():
     assert both.active.tolist() == [0, 3] and both.warnings == ()
     first, second = arm(PAIR, disabled=1 << 2), arm(PAIR, disabled=1 << 1)
     assert first.active.tolist() == [0] and first.J_C.shape == (0, 3)
-    assert first.warnings == ("opt.disableactuator switches off, so not active: m2",)
+    assert first.warnings == ("switched off by opt.disableactuator, so not active: m2",)
     assert second.active.tolist() == [3] and second.names.actuators == (("m2",),)
     with pytest.raises(ModelError, match="no enabled actuator"):
         arm(PAIR, disabled=1 << 1 | 1 << 2)

@@ -138,7 +138,7 @@ def test_a_joint_outside_its_range_in_the_file_starts_inside(tmp_path):
     begins = low + 0.05 * (high - low)
     np.testing.assert_allclose(scene.task_start.joint("elbow").qpos, begins, atol=1e-6)
     assert re.match(
-        "the start is beyond ranges, .*: elbow at 0, its range 0.3 to 1.3;", scene.start_warnings[0]
+        "the start is beyond .*: elbow at 0, its range 0.3 to 1.3 rad;", scene.start_warnings[0]
     )
     assert scene.start_warnings[1:] == (
         f"came to rest away from its start: elbow by {begins:.2g} rad",

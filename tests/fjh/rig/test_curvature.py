@@ -130,7 +130,7 @@ def test_all_forms_are_equal_with_a_constant_jacobian():
     further = incremental.displacements(pointing, NOMINAL, last=last)
     np.testing.assert_allclose(further, wanted, atol=1e-18)
     for form, missing in ((incremental, "last"), (gauss_newton, "commanded")):
-        with pytest.raises(ValueError, match=f"{missing} must be given in {form.form} form"):
+        with pytest.raises(ValueError, match=f'{missing} must be given with form "{form.form}"'):
             form.displacements(pointing, NOMINAL)
 
 

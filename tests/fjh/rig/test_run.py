@@ -97,7 +97,7 @@ def test_without_readings_the_commands_are_held(what, kind):
     assert (constant == constant[0]).all()
     assert error(run).max() < 2.1 * np.linalg.norm(run.desired, axis=1).max()
     assert not run.diagnoses
-    assert "since 0.90" in run.status and "the commands are held" in run.status
+    assert "since t = 0.90" in run.status and "the commands are held" in run.status
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_failed_encoders_do_not_affect_a_controller_without_them():
     )
     run = simulated("arm", "encoder stuck")
     assert not run.diagnoses
-    assert "the set of encoders repeats one value since 0.90" in run.status
+    assert "the set of encoders repeats one value (since t = 0.90" in run.status
 
 
 @pytest.mark.long
