@@ -28,7 +28,6 @@ class Evil:
 
 
 def written(content: bytes) -> Spoil:
-    """Return a function that writes other content."""
     return lambda path: path.write_bytes(content)
 
 
@@ -54,11 +53,9 @@ CONTENTS: dict[str, Spoil] = {
     "zeros": written(b"\0" * 300 + b"\n"),
     "pickled": written(pickle.dumps(Evil())),
 }
-"""Contents of no known format."""
 
 
 def without_its_last(count: int) -> Spoil:
-    """Return a function that removes the last bytes of a valid file."""
     return lambda path: os.truncate(path, max(0, path.stat().st_size - count))
 
 
@@ -132,14 +129,12 @@ PATHS: dict[str, Spoil] = {
     "NaN inside": _path(np.arange(3.0), np.full((3, 2), np.nan)),
     "no ticks": _path(np.zeros(0), np.zeros((0, 2))),
 }
-"""Broken `.npz` files of a path."""
 
 JSON: dict[str, Spoil] = {
     "nested without end": written(b"[" * 200_000),
     "endless number": written(b'{"a":' + b"9" * 6000 + b"}"),
     "half": written(b'{"columns": '),
 }
-"""Broken JSON files."""
 
 TABLES: dict[str, Spoil] = {
     "NaN": written(b"1,nan\n1,1\n"),

@@ -26,9 +26,6 @@ FEASIBLE = 1e-11
 """Violation of a limit or an equation, relative to 1 + |x|, up to which a candidate is feasible."""
 
 
-# One level on one active set.
-
-
 def _norm(A: np.ndarray) -> float:
     return float(np.linalg.norm(A))
 
@@ -86,9 +83,6 @@ def _sides(G: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, n
     """Return all finite limits as G x <= top."""
     G, top = np.vstack([G, -G]), np.append(hi, -lo)
     return G[np.isfinite(top)], top[np.isfinite(top)]
-
-
-# The oracles.
 
 
 @dataclass(frozen=True)
@@ -261,9 +255,6 @@ def _program(
             ratio = np.array(result.s) / np.maximum(np.array(result.z), 1e-300)
             return x + Z @ to_y @ np.array(result.x), np.argsort(ratio)
     raise RuntimeError(f"Clarabel ended with {result.status}")
-
-
-# The conditions of an optimum.
 
 
 def _kkt(

@@ -63,7 +63,7 @@ def valid(tmp_path_factory) -> Path:
     ("reader", "kind"),
     [(reader, kind) for reader, (_, _, kinds) in READERS.items() for kind in kinds],
 )
-def test_an_unusable_file_is_named_in_one_sentence(
+def test_an_unusable_file_is_reported_in_one_sentence(
     refused, valid, tmp_path, monkeypatch, reader, kind
 ):
     name, command_line, kinds = READERS[reader]

@@ -26,7 +26,6 @@ def measure(tmp_path, monkeypatch):
 
 
 def test_an_argument_error_of_the_library_is_a_sentence(refused, measure):
-    """The message of an argument check is printed."""
     message = refused(*measure(lambda: check.array("joint_weight", [1e200])))
     assert message.startswith("fjh: joint_weight must be smaller than")
 

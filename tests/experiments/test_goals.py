@@ -32,9 +32,6 @@ def slope(function, at: np.ndarray, step: float) -> np.ndarray:
     return np.array([(function(at + e) - function(at - e)) / (2 * step) for e in steps])
 
 
-# The coils.
-
-
 @given(seeds)
 def test_a_step_of_the_coils_solves_their_heat_balance(seed):
     """The reference is a general integrator of C dT/dt = R(T) I^2 - (T - T_ambient) / R_th."""
@@ -59,9 +56,6 @@ def test_at_its_critical_current_a_copper_coil_heats_at_a_constant_rate():
     at = np.array([1 / np.sqrt(COPPER_PER_K * 5.0 * 1.5)])
     rise = coil.step(coil.cold(), at, 8.0) - 20
     np.testing.assert_allclose(rise, 8.0 * coil.net_power_w(coil.cold(), at) / 4.0, rtol=1e-9)
-
-
-# Gradients against finite differences, clearance against its closed form.
 
 
 @given(seeds)
@@ -142,12 +136,9 @@ def test_a_reading_of_the_detector_is_corrected_for_roll(seed):
     np.testing.assert_allclose(physics.without_roll(read, pose).output, pointing, atol=5e-8)
 
 
-# Exactness of the mapping, compared with the pseudo-inverse.
-
-
 @given(seeds)
 def test_a_weighted_pseudo_inverse_is_least_squares_exact_in_the_limit(seed):
-    """Its error decreases with the square of the weight; the mapping has none."""
+    """The pseudo-inverse's error falls with the square of the weight; the mapping has none."""
     rng = np.random.default_rng(seed)
     J, W1, W2, w = rng.normal(size=(6, 5)), rng.uniform(1, 3, 5), rng.uniform(1, 3, 4), 7.0
     v_m, rates_d, v_sd = rng.normal(size=2), rng.normal(size=5), rng.normal(size=4)
@@ -168,12 +159,9 @@ def test_a_weighted_pseudo_inverse_is_least_squares_exact_in_the_limit(seed):
     np.testing.assert_allclose(rates(1e5), exact, atol=1e-7)
 
 
-# The arm: tracker and servos.
-
-
 @given(seeds)
 def test_the_tracker_reads_the_rotation_of_the_camera_in_its_own_axes(seed):
-    """For a rotation vector w across the line of sight the reading is -sin|w| w/|w|."""
+    """The reading is -sin|w| w/|w| for a rotation vector w across the line of sight."""
     rng = np.random.default_rng(seed)
     to_target, camera = np.append(rng.uniform(-0.5, 0.5, 2), 0.0), Rotation.random(rng=rng)
     view = (camera * Rotation.from_rotvec(to_target)).apply([0.0, 0.0, 1.0])
@@ -196,11 +184,8 @@ def test_servos_with_lead_have_no_lag():
     np.testing.assert_allclose(ahead_s, 0.5 * (physics.PERIOD_S + model.opt.timestep), rtol=0.01)
 
 
-# The runs.
-
-
 def test_pursued_goals_keep_their_limits_and_others_change_the_pointing(study):
-    """With the goal the pointing changes less than half as much as by another seed."""
+    """The goal changes the pointing less than half as much as another seed does."""
     frames = study.tables
     worst = frames["runs"].pivot(index="goal", columns="name", values="worst")
     assert worst.pursued["reliability"] < physics.LIMIT_C - 10

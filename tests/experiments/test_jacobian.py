@@ -187,7 +187,7 @@ def angles_by_axis(sequence: str):
     return angles_and_origin
 
 
-def test_readings_are_derivatives_of_the_named_quantities():
+def test_readings_are_derivatives_of_the_stated_quantities():
     """Euler rates are derivatives of angles, the twist of a point that of its position."""
     J = np.linalg.inv(machine().inverse_jacobian(ASIDE))
     for order, sequence in (("Rz Ry Rx", "ZYX"), ("Rx Ry Rz", "XYZ")):
@@ -224,7 +224,7 @@ def test_the_json_states_eq_39_and_the_proof_of_eq_40(study):
 
 
 def test_the_papers_pair_is_the_largest_entry_over_both_norms(study):
-    """With one numerator their ratio, 1.5, is that of the norms of J_0, 1.54."""
+    """The ratio of the two for one numerator, 1.5, is that of the norms of J_0, 1.54."""
     readings = study.tables["tried"].set_index("reading")
     assert len(readings) == 25
     (papers_reading,) = readings.index[readings.is_the_papers]

@@ -82,9 +82,6 @@ def test_a_published_run_can_be_repeated():
         repeat_run(published, 99999)
 
 
-# Statistics.
-
-
 def frame(**columns: list[Any]) -> pd.DataFrame:
     """Return a frame of runs that differ in these columns."""
     same = {"sort": "failure", "mismatch": "all", "factor": 1.0, "kind": "free", "status": "flown"}

@@ -56,7 +56,7 @@ def running(out: Path, work: str) -> subprocess.Popen[str]:
 
 
 @ONE_BY_DAY
-def test_during_the_imports(number):
+def test_a_signal_during_the_imports_ends_the_command(number):
     process = at(IMPORTING)
     process.send_signal(number)
     ended(process, number)
@@ -84,7 +84,7 @@ CLEARING = """
 
 
 @ONE_BY_DAY
-def test_while_a_study_runs_and_again_during_its_cleanup(number, tmp_path):
+def test_signals_during_a_study_and_its_cleanup_end_it(number, tmp_path):
     """Signals may be sent several times, as by `timeout` or repeated Ctrl-C."""
     process = running(tmp_path / "out", CLEARING)
     process.send_signal(number)
@@ -134,7 +134,7 @@ def works(process: subprocess.Popen[str]) -> bool:
 @EVERY
 @pytest.mark.parametrize("later_s", [0.0, 0.3])
 @pytest.mark.parametrize("whom", [os.kill, os.killpg])
-def test_while_workers_start(number, later_s, whom, tmp_path):
+def test_a_signal_while_workers_start_ends_the_study(number, later_s, whom, tmp_path):
     process = running(tmp_path / "out", PARALLEL)
     deadline = time.monotonic() + 60
     while not works(process) and time.monotonic() < deadline:
@@ -149,7 +149,7 @@ def test_while_workers_start(number, later_s, whom, tmp_path):
 @pytest.mark.night
 @EVERY
 @pytest.mark.parametrize("after_s", [1.0, 3.0])
-def test_a_real_study(number, after_s, tmp_path):
+def test_a_signal_ends_a_real_study(number, after_s, tmp_path):
     process = started("-m", "experiments", "table1", "--out", str(tmp_path / "out"))
     time.sleep(after_s)
     os.killpg(process.pid, number)

@@ -42,9 +42,6 @@ def no_progress(_done: int, _total: int) -> None:
     """Ignore progress."""
 
 
-# Work in parallel.
-
-
 @pytest.mark.long
 def test_results_are_in_the_order_of_the_calls_and_of_one_thread(monkeypatch):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
@@ -79,8 +76,6 @@ def test_processes_end_with_their_block_and_take_calls_when_idle():
         pool.submit(work.wait_for_a_signal)
     assert len(taken) < 20
 
-
-# Rows.
 
 BASIS = basis_of(seed=0)
 
@@ -218,8 +213,6 @@ def test_a_full_disk_is_one_sentence_and_complete_rows_are_saved(tmp_path, whole
     assert_same(table(tmp_path), whole)
 
 
-# The folder.
-
 WAITING = """
 import sys
 from pathlib import Path
@@ -243,9 +236,6 @@ def test_a_folder_is_locked_until_its_study_is_killed(tmp_path):
     with alone_in(folder):
         pass
     assert list(folder.iterdir()) == []
-
-
-# A cluster.
 
 
 @pytest.mark.long
@@ -301,7 +291,7 @@ if __name__ == "__main__":
 
 @pytest.mark.long
 @pytest.mark.skipif(not shutil.which("openssl"), reason="certificates are made by openssl")
-def test_a_cluster_over_tls_with_a_certificate_made_as_documented(tmp_path):
+def test_a_cluster_runs_over_tls_with_the_documented_certificate(tmp_path):
     page = (ROOT / "docs" / "install.md").read_text()
     [made] = [block.split("```")[0] for block in page.split("```sh\n") if "openssl" in block[:9]]
     (tmp_path / "tls.py").write_text(TLS)

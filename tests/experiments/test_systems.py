@@ -27,9 +27,6 @@ def nominal(name: str) -> tuple[Jacobians, np.ndarray]:
     return jac, scipy.linalg.null_space(jac.J_C) if len(jac.J_C) else np.eye(model.nv)
 
 
-# The files.
-
-
 @pytest.mark.parametrize("name", FREEDOMS)
 def test_a_mechanism_is_closed_at_its_nominal_pose_and_has_its_freedoms(name):
     """Freedoms are velocities minus the rank of the closures; the motors control all of them."""
@@ -45,9 +42,6 @@ def test_a_mechanism_is_closed_at_its_nominal_pose_and_has_its_freedoms(name):
     task_motions = jac.J_T @ motions
     assert np.linalg.matrix_rank(task_motions) == len(task)
     np.testing.assert_allclose(np.delete(task_motions, task, axis=0), 0.0, atol=1e-15)
-
-
-# The study.
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +83,7 @@ def test_each_mechanism_has_the_expected_classification(
 
 
 def test_in_a_hand_dropping_the_column_of_a_locked_finger_joint_is_wrong():
-    """As section 2.3.2 warns, the other joints are constrained, too."""
+    """The other joints are constrained, too, as section 2.3.2 warns."""
     mechanism = BY_NAME["hand"]
     _, healthy = systems.classified(model_of("hand"), mechanism, "SSSS")
     _, locked = systems.classified(model_of("hand"), mechanism, "LSSS")

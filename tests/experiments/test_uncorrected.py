@@ -39,7 +39,7 @@ def test_a_candidate_with_the_columns_of_the_paper_explains_them(study):
 
 
 def test_a_steady_acceleration_of_the_floor_is_a_sag(model):
-    """It equals a force -m a at the centre of mass, plus a part of the struts' mass."""
+    """The sag is that of a force -m a at the centre of mass, plus a part of the struts' mass."""
     acceleration = np.array([0.02, -0.01, 0.03])
     plant = Plant(model)
     plant.shake(acceleration)

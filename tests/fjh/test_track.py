@@ -1,4 +1,4 @@
-"""On small paths `fjh track` agrees with the linear model, also after failures."""
+"""Tests of `fjh track` against the linear model on small paths, also after failures."""
 
 import re
 from dataclasses import fields, replace
@@ -145,7 +145,7 @@ def test_paths_begin_at_the_start_and_keep_their_size(tmp_path):
 
 @pytest.mark.long
 def test_error_without_diagnosis_is_that_of_a_run_without_diagnosis():
-    """With the same seed, failures, events and noise, numbers are equal to the bit."""
+    """Numbers with equal seed, failures, events and noise are equal to the bit."""
     track_arm = partial(tracked, ARM, fail=["motor2:locked@0.2"], event=["bump@0.3"], duration=0.5)
     done = list[tuple[int, int]]()
     both = track_arm(on_progress=lambda *ticks: done.append(ticks)).overall

@@ -122,10 +122,7 @@ def written_out(record: Record, fault: Fault | Cause | None, onset: int, prior, 
 @pytest.mark.parametrize("ticks", [1, pytest.param(3, marks=pytest.mark.long)])
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2, 3))])
 def test_a_hypothesis_is_weighed_by_its_gaussian_without_the_unknowns(seed, ticks):
-    """The reference simulates each hypothesis and its errors, written out in full.
-
-    Causes are included: a growing offset of an actuator, the supply, the scale.
-    """
+    """The reference simulates hypotheses, errors and causes (offset, supply, scale) in full."""
     nominal = carts(seed)
     record = Record.of(nominal, ticks, seed, Fault(1, "weak", 0.4))
     bank = hypothesis_bank(nominal, (), WRONG, ticks)
@@ -145,7 +142,7 @@ def test_a_hypothesis_is_weighed_by_its_gaussian_without_the_unknowns(seed, tick
 @pytest.mark.parametrize("gain", [0.1, 1.0, 7.0])
 @pytest.mark.parametrize("seed", range(2))
 def test_the_last_hypothesis_is_a_density_of_the_outputs_as_the_first(seed, gain):
-    """For filters of any gain the log ratio is that of the Gaussians of the measurements."""
+    """The log ratio is that of the Gaussians of the measurements, for filters of any gain."""
     record = Record.of(carts(seed), 2, seed)
     bank = hypothesis_bank(record.nominal, (), WRONG, 2)
     prior = random_prior(len(bank.base_model.M) - 1, seed)
@@ -184,13 +181,11 @@ def test_a_weak_actuator_loses_a_fraction_of_its_remaining_force():
         hypothesis_bank(carts(0), [Fault(k, "locked") for k in range(2)])
 
 
-# Compiled steps of the evidence.
-
 ARRAYS = ("X", "memory", "information", "score", "energy")
 
 
 @seeds
-def test_a_step_leaves_the_evidence_before_it_and_gives_the_same_in_place(seed):
+def test_a_step_does_not_change_its_argument_and_equals_one_in_place(seed):
     """A step leaves its argument unchanged; an unmeasured sample adds no evidence."""
     rng = np.random.default_rng(seed)
     record, filters = Record.of(carts(seed), 2, seed), rng.uniform(0.1, 1.0, (2, 4, 2))
@@ -214,8 +209,8 @@ def test_a_step_leaves_the_evidence_before_it_and_gives_the_same_in_place(seed):
 
 
 @seeds
-def test_information_that_rounding_made_indefinite_leaves_finite_numbers(seed):
-    """With regressors a trillion times the noise 1 is lost in round-off; pivots stay positive."""
+def test_information_made_indefinite_by_rounding_gives_finite_numbers(seed):
+    """Regressors are a trillion times the noise: 1 is lost in round-off; pivots stay positive."""
     rows = 1e12 * np.random.default_rng(seed).normal(size=(9, 2))
     information = rows @ rows.T
     assert np.linalg.eigvalsh(np.eye(9) + information)[0] < 0

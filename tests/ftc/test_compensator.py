@@ -94,9 +94,6 @@ def test_a_slow_loop_has_the_margins_of_a_fast_one():
     assert peaks[1] == pytest.approx(peaks[0], rel=1e-3)
 
 
-# Uncontrollable or unobservable modes do not matter to a loop.
-
-
 def plant(seed: int, driven: int, hidden: int) -> control.StateSpace:
     """Return a plant of stable minimal modes and uncontrollable or unobservable integrators.
 

@@ -108,8 +108,6 @@ def test_the_command_of_a_known_weak_actuator_is_scaled():
     np.testing.assert_allclose(transfer.secondary_reference, 0, atol=4e-8)
 
 
-# An actuator out of use: its command stays or fades, and the others take over.
-
 LOST = {"locked": Goal(EQUAL.joint_weight, locked_at={2: -4e-6}), "without force": WITHOUT_2}
 
 
@@ -153,7 +151,7 @@ def test_another_command_fades_as_half_a_cosine(form: DisplacementForm):
 
 @pytest.mark.parametrize("remaining", [0.0, 0.3, 1.0])
 def test_the_others_take_over_the_remaining_effect_of_a_weak_actuator(remaining):
-    """With the remaining force of the weak one they produce the same static task at each tick."""
+    """The weak one and the others produce the same static task at each tick of the transfer."""
     after, start, second = controller(WITHOUT_2), out(), np.arange(6) == 2
     u = after.drives.displacements(start.inputs)
     lost = np.where(second, (1 - remaining) * u, 0.0)  # at the onset of the failure
@@ -190,7 +188,7 @@ def tied_controller(system: ConstrainedSystem, goal: Goal, *form) -> Prioritized
 
 @pytest.mark.parametrize("form", ["absolute", "incremental"])
 def test_an_inadmissible_displacement_fades_once(form):
-    """For actuators tied by a loop, a second transfer during the first one continues it."""
+    """A second transfer during the first one continues it, for actuators tied by a loop."""
     tied = ConstrainedSystem(np.eye(2, 3), np.array([[1.0, -1.0, 0.0]]), np.arange(3))
     controller = tied_controller(tied, Goal((1.0,) * 3), form)
     state = controller.transfer(replace(controller.start(), inputs=np.array([0.5, -0.5, 0.0])))
@@ -219,11 +217,7 @@ def test_a_free_actuator_in_closed_loops_is_commanded_to_its_position(seed):
     assert abs(state.inputs[2]) > 1e-2 and controller.mapping.followed(np.zeros(4)) is not None
 
 
-# The loop without a mechanism.
-
-
 def test_the_stepped_loop_is_the_linear_one_of_python_control():
-    """The loop has neither saturation nor failures."""
     own, gain = stage(), stage().mapping().major_gain()
     P = control.c2d(own.plant, PERIOD_S, "zoh")
     model = FaultModel(P.A, P.B, P.C, np.eye(P.nstates), np.zeros(P.nstates))

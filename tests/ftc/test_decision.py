@@ -47,10 +47,7 @@ def random_fault(rng: np.random.Generator, n: int) -> Fault:
 
 @pytest.mark.parametrize("noise", [2e-3, pytest.param(6e-3, marks=pytest.mark.long)])
 def test_confidence_is_the_rate_of_correct_decisions(noise):
-    """The rate of correct decisions is their mean confidence: any actuator, kind, or no failure.
-
-    Failures and health are sampled from the prior; the more likely one is the decision.
-    """
+    """Failures (any actuator and kind) and health are sampled from the prior of the decision."""
     rng, claimed, correct = np.random.default_rng(5), [], []
     bank = hypothesis_bank(carts(1, 3, noise), (), CERTAIN, 2)
     for seed in range(250):

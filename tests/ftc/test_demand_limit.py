@@ -48,7 +48,7 @@ def test_no_angle_is_demanded_beyond_the_limit_and_each_has_its_own():
 
 @pytest.mark.parametrize("anti_windup", [False, True])
 def test_an_integrator_at_its_limit_winds_up_without_anti_windup(anti_windup):
-    """After a sign change of the error it leaves the limit at once only with anti-windup."""
+    """The integrator leaves the limit at once after a sign change only with anti-windup."""
     bench = replace(TIGHT, anti_windup=anti_windup)
     controller, state, _ = demands(bench, 1000, [5e-6, 0.0])
     ticks = 0

@@ -15,7 +15,7 @@ from tests.ftc.small_stage import Still, stage
 
 
 @pytest.mark.parametrize("kind", ["controller", "supervisor"])
-def test_one_tick_after_the_other_is_the_loop(kind):
+def test_a_loop_equals_its_single_ticks(kind):
     """The reference is a loop written out here, equal to the bit."""
     rig = Rig.hexapod()
     controller: Any = getattr(rig, kind)()
@@ -37,11 +37,9 @@ class UserController:
     """Controller of a user without a feedforward argument."""
 
     def start(self) -> Any:
-        """Return zero inputs."""
         return SimpleNamespace(inputs=np.zeros(2))
 
     def step(self, state, reference, measurement):
-        """Return the reference as inputs."""
         return SimpleNamespace(inputs=reference)
 
 
@@ -49,7 +47,6 @@ class WithFeedforward(UserController):
     """Controller of a user with a feedforward argument."""
 
     def step(self, state, reference, measurement, *, feedforward=None):
-        """Return the feedforward as inputs, or else the reference."""
         return super().step(state, reference if feedforward is None else feedforward, measurement)
 
 

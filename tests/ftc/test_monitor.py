@@ -18,8 +18,6 @@ from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.monitor import DECISION_PERIOD_S, REVISION_PERIOD_S, Monitor, MonitorState
 from tests.ftc.carts import carts, simulate
 
-# Scripted decisions, in runs of noise with a shock.
-
 OFFSETS = replace(CERTAIN, offset=3.0, offset_rate=1.0)
 CONFIG = FdiConfig(uncertainty=OFFSETS, sample_s=10e-3)
 TICKS = 2  # of a sample
@@ -165,7 +163,7 @@ def test_evidence_is_restarted_while_no_hypothesis_fits():
     assert min(isolated_faults(states)) >= SHOCK + 45 and first[SHOCK + 49] > SHOCK
 
 
-def test_after_an_unexplained_alarm_the_monitor_is_not_blind():
+def test_the_monitor_still_tests_after_an_unexplained_alarm():
     """The known spectrum is tested against from the next sample on while the new one is learned."""
     states = run_monitor(lambda sample: UNSURE, SHOCK + 190)
     given_up = min(sample for sample, state in states.items() if state.unexplained)
@@ -186,11 +184,8 @@ def test_an_alarm_is_dismissed_when_health_is_certain(free, over):
     assert (last.diagnosis, last.unexplained, last.alarm_ticks[0]) == (None, False, 282)
 
 
-def test_onsets_reach_as_far_back_as_stated():
-    """Onsets reach from the last sample to a second before it, with distances of ratio 1.25.
-
-    The prior is the tracked one plus the random walk of an offset over that second.
-    """
+def test_onsets_go_back_as_far_as_stated():
+    """Onsets go back one second at ratios of 1.25; the prior adds an offset's walk of that time."""
     state = run_monitor(lambda sample: UNSURE, SHOCK + 1, offset=20.0)[SHOCK]
     evidence = state.evidence
     assert evidence is not None
@@ -203,7 +198,7 @@ def test_onsets_reach_as_far_back_as_stated():
 
 
 @pytest.mark.parametrize(("shock", "is_learned"), [(78, True), (81, False)])
-def test_a_shock_while_the_plant_is_learned_is_no_alarm_but_learned(shock, is_learned):
+def test_a_shock_raises_an_alarm_only_after_the_plant_is_learned(shock, is_learned):
     """The shock is learned in the first 0.8 s, or 80 samples; later it raises an alarm."""
     states = run_monitor(lambda sample: UNSURE, shock + 1, shock=shock)
     state, before = states[shock], states[shock - 1].observer.spectrum.samples
@@ -283,10 +278,7 @@ def test_indistinguishable_kinds_are_listed():
 @pytest.mark.parametrize("inflation", [1.0, 2.0])
 @pytest.mark.parametrize(("part", "contradicts"), [(0.98, False), (1.02, True)])
 def test_a_contradiction_confirms_a_diagnosed_failure(part, inflation, contradicts):
-    """The energy grows by more than five samples of noise of three outputs do once in 100 hours.
-
-    The limit is scaled by the previous inflation, which also remains in use for later tests.
-    """
+    """The energy grows by more than noise does once in 100 hours, times the previous inflation."""
     scripted = replace(LOCKED, inflation=inflation)
     jump = part * inflation * chi2.isf(0.01 * 5 * 10e-3 / 3600, 5 * 3)
     states = changes_at(24, scripted, replace(scripted, energy=jump, inflation=25.0), SHOCK + 40)
@@ -346,8 +338,6 @@ def test_known_faults_of_other_actuators_remain(result, known):
     after, _ = before.with_diagnosis(states[max(states)])
     assert after.faults == known
 
-
-# Carts on springs: disturbances neither isolate an actuator nor hide a failure.
 
 TICK_S, HZ, ONSET, END = 5e-3, 5.0, 260, 460
 
@@ -414,10 +404,7 @@ def test_disturbances_do_not_isolate_an_actuator(where, when, runs):
     ("seeds", "least"), [((5, 8), 2), pytest.param(range(20), 18, marks=NIGHT)]
 )
 def test_a_lock_after_a_bump_is_isolated_with_its_onset_or_not_at_all(seeds, least):
-    """A push lasts 30 ms; 0.6 s later an actuator locks.
-
-    In one of 20 runs it is weak at first. Locks of actuator 0 are visible too late for a test.
-    """
+    """The bump lasts 30 ms, the lock follows 0.6 s later; actuator 0 would be visible too late."""
     for seed in seeds:
         push, lock = 0.1 * direction(seed), Fault(1 + seed % 2, "locked")
 
@@ -445,7 +432,7 @@ EVENTS: dict[str, tuple[Cause, str, Callable[[float, np.ndarray], np.ndarray]]] 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
 @pytest.mark.parametrize("name", EVENTS)
 def test_a_cause_is_identified_and_no_actuator_is_isolated(name, seed):
-    """Without causes among the hypotheses, half the supply would appear as a weak actuator."""
+    """The hypotheses include causes; else half the supply would appear as a weak actuator."""
     cause, where, event = EVENTS[name]
 
     def changed(tick: int, signal: np.ndarray) -> np.ndarray:
@@ -457,18 +444,13 @@ def test_a_cause_is_identified_and_no_actuator_is_isolated(name, seed):
     assert states[-1].causes[0] == cause
 
 
-# The diagnosis does not depend on the control rate.
-
 FAILS_S = 1.5
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("fault", [Fault(1, "locked"), Fault(2, "free")])
 def test_isolation_and_confirmation_take_the_same_time_at_each_rate(fault, seed):
-    """Alarms agree to 0.1 s; isolation takes a period of the dither more, confirmation 1 s.
-
-    The tolerance is the time to the next decision plus two samples of one tick.
-    """
+    """The tolerance is the time to the next decision plus two samples of one tick."""
     alarms_s, config = [], replace(DEFAULT_CONFIG, uncertainty=OFFSETS, dither_hz=HZ)
     for period_s in (20e-3, 10e-3, 5e-3):
         tested = monitor(replace(carts(0, n=3), period_s=period_s), config=config)

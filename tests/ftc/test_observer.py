@@ -30,8 +30,6 @@ WRONG = replace(
     CERTAIN, gain=0.05, damping=0.2, offset=3.0, offset_rate=0.8, drift_rate=0.3, delay_s=1e-3
 )
 
-# Samples of carts, against covariances and sums of numpy.
-
 
 def cart_observer(uncertainty: Uncertainty, *faults: Fault, **options) -> Observer:
     bank = hypothesis_bank(carts(1), faults, uncertainty, 2)
@@ -159,11 +157,7 @@ def test_without_motion_a_weak_actuator_may_be_healthy_two_seconds_later():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_remaining_force_of_a_weak_actuator_is_tracked(seed):
-    """The actuator gets weaker, recovers, and becomes twice as strong as a healthy one.
-
-    Commanded by the inverse of its largest effectiveness, it exceeds a healthy one by at most a
-    tenth.
-    """
+    """An actuator commanded by its tracked force exceeds a healthy one by at most a tenth."""
     u = np.cumsum(3e-2 * np.random.default_rng(seed).standard_normal((700, 2)), axis=0)
     remaining = np.interp(np.arange(700), [0, 100, 200, 500, 600, 700], [0.5, 0.5, 0.4, 1, 1, 2])
     seen = strongest(remaining, u)[50:]
@@ -171,8 +165,6 @@ def test_the_remaining_force_of_a_weak_actuator_is_tracked(seed):
     assert (does / np.maximum(1.0, remaining[50:])).max() < 1.1
     assert (seen - remaining[50:]).max() < 0.25
 
-
-# The filter of model errors, against batch least squares.
 
 J, P, OFFSET = 4, 2, 3.0
 
@@ -210,11 +202,8 @@ def solved(regressors, white) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_regressors_a_trillion_times_the_noise_leave_a_covariance(seed):
-    """The motion determines one direction far better than the others.
-
-    A covariance updated by differences is indefinite after three such samples.
-    """
+def test_regressors_a_trillion_times_the_noise_give_a_valid_covariance(seed):
+    """A covariance updated by differences is indefinite after three such samples."""
     rng = np.random.default_rng(seed)
     true = np.append(np.ones(J), np.full(P, OFFSET)) * rng.standard_normal(J + P)
     size = 10.0 ** rng.uniform(0, 12, (8, 1, P))
@@ -228,8 +217,6 @@ def test_regressors_a_trillion_times_the_noise_leave_a_covariance(seed):
     assert np.abs((result.mean - mean) / deviation).max() < 1e-2
     assert np.abs(innovations).max() < 6.0
 
-
-# Spectra of residuals, and the filters that whiten them.
 
 LAGS = 6
 
@@ -271,10 +258,7 @@ def test_the_variance_is_corrected_for_the_fit_to_few_residuals():
 
 @pytest.mark.parametrize("slow", [0.02, 0.05, 0.2])
 def test_a_decoupled_filter_whitens_slow_inputs(slow):
-    """Inputs of fifty times the noise, by a critically damped filter, get unit variance.
-
-    The gain is smaller, so that pure noise is attenuated, and the likelihood accounts for it.
-    """
+    """Inputs of fifty times the noise get unit variance; the likelihood accounts for the gain."""
     noise = Spectrum(np.zeros((LAGS + 1, 1)), np.eye(LAGS + 1, 1), 10**6)
     lags = slow * np.arange(LAGS + 1)
     inputs = scipy.linalg.toeplitz(2500 * (1 + lags) * np.exp(-lags)) + np.eye(LAGS + 1)
@@ -286,8 +270,6 @@ def test_a_decoupled_filter_whitens_slow_inputs(slow):
     fast = np.exp(1j * min(30 * slow, np.pi) * np.arange(LAGS + 1))
     assert abs(fast @ decoupled) > 0.5 * abs(fast @ plain)
 
-
-# Alarms and rates of false alarms.
 
 TICK_S = 4e-3
 dithers = pytest.mark.parametrize("dither_hz", [None, 20.0])
@@ -321,10 +303,7 @@ def test_an_alarm_is_the_shortest_sum_that_exceeds_its_quantile(seed, dither_hz)
 @dithers
 @pytest.mark.parametrize("outputs", [2, 8])
 def test_the_rate_of_false_alarms_is_at_most_as_stated(outputs, dither_hz):
-    """The fraction of white-noise samples in alarm is at most as stated, and at least half of it.
-
-    The samples are from independent records, so that the count is binomial.
-    """
+    """Independent records of white noise are in alarm at the stated rate, or down to half of it."""
     kalman = ResidualTest(outputs, 0.02 * 3600 / TICK_S, TICK_S, dither_hz)
     rng = np.random.default_rng(outputs)
     records, shape = 4000, kalman.start().shape

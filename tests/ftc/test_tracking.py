@@ -78,7 +78,7 @@ def test_the_crossover_is_the_highest_with_a_sensitivity_peak_of_1_7():
 
 
 def test_the_loops_stay_stable_after_each_possible_lock():
-    """All closed-loop eigenvalues are stable, except that of the locked actuator, which is one."""
+    """Closed-loop eigenvalues are stable, except that of the locked actuator, which is one."""
     tested = 0
     for k in range(7):
         lock = Fault(k, "locked")
@@ -119,10 +119,7 @@ def settled(mapping, demand: np.ndarray):
 
 @pytest.mark.parametrize("locked_at", [{}, {1: 2e-3}, {4: -3e-3}])
 def test_the_steps_end_at_the_optimum_of_the_curved_problem(locked_at):
-    """The reference is the least norm of joints that reach the position within limits, by SLSQP.
-
-    The task already contains a lock off centre, which must not be counted twice.
-    """
+    """The reference is SLSQP with limits; the lock off centre of the task must not count twice."""
     own, every, demand = mechanism("arm"), np.arange(7), np.array([2e-3, -4e-3, 3e-3])
     goal = replace(SEVEN, locked_at=locked_at)
     free, _ = settled(mapping_for(own, goal, POSITION), demand)
@@ -149,7 +146,7 @@ def test_the_steps_end_at_the_optimum_of_the_curved_problem(locked_at):
 
 
 def test_the_posture_is_that_of_the_simulated_machine():
-    """Without gravity the servos at rest have their commanded displacements."""
+    """Servos at rest without gravity have their commanded displacements."""
     plant, own = Plant(robot("arm"), base=None), mechanism("arm")
     commanded = 1e-2 * np.array([1.0, -1.0, 0.5, 1.0, -0.5, 1.0, 0.2])
     for _ in range(400):
@@ -164,11 +161,7 @@ def test_the_posture_is_that_of_the_simulated_machine():
 @pytest.mark.parametrize("lock", [None, 0], ids=["healthy", "locked"])
 @pytest.mark.parametrize("sense", ["task", "joints", "both"])
 def test_the_diagnosis_outputs_of_closed_loops_are_linear(sense, lock):
-    """Commands that satisfy nonlinear loops deform the servos of linear ones.
-
-    The reference minimizes the strain energy of the four servos over the motions that the linear
-    loops admit; a locked actuator is a servo a million times as stiff.
-    """
+    """The reference is the least strain energy of the servos, a lock a million times as stiff."""
     track = hand(sense)
     posture = settled(track.mapping(Goal((1.0,) * 4)), np.array([2e-3, 3e-3]))[1]
     kinematics = ConstrainedSystem.of(track.model.jacobians(track.model.nominal)).kinematics()
@@ -191,7 +184,7 @@ def test_the_diagnosis_outputs_of_closed_loops_are_linear(sense, lock):
     np.testing.assert_allclose(seen, expected, rtol=1e-5, atol=1e-8)
 
 
-def test_both_sensors_together_are_those_of_each_alone():
+def test_two_sensors_have_the_outputs_of_each_alone():
     """The task is measured, not computed from the encoders, and each sensor has its own noise."""
     noise = np.arange(1.0, 7.0) * 1e-6
     task, joints, both = (

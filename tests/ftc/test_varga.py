@@ -27,8 +27,6 @@ from ftc.fdi.uncertainty import uncertain_model
 from tests.ftc.carts import Record, gathered, outputs_of
 from tests.ftc.spectra import spectrum_of, whitened
 
-# The aircraft and its published data.
-
 A = np.array(
     [
         [-0.4492, 0.046, 0.0053, -0.9926],
@@ -172,9 +170,6 @@ def kalman_decisions(y: np.ndarray) -> np.ndarray:
     return np.argmin(signals, axis=0)
 
 
-# Results of this library.
-
-
 def test_the_published_distances_are_reproduced_at_unit_noise():
     """Figure 6's norms are d per unit input energy if each output has white noise of density 1."""
     computed = [[output_distance(model(a), model(b), np.ones(4)) for b in EFFECT] for a in EFFECT]
@@ -273,8 +268,8 @@ def test_the_bank_isolates_one_weak_actuator_and_its_effectiveness(k, gusts, err
         assert_isolated(decision, int(EFFECT[k, 0] == 1), EFFECT[k].min(), error)
 
 
-def test_the_bank_measures_a_weakness_that_is_none_of_the_nine():
-    """With 0.7 of the aileron the choice of the nine filters wanders, also to the rudder."""
+def test_the_bank_estimates_a_weakness_between_the_nine_models():
+    """The nine filters' choice with 0.7 of the aileron wanders, also to the rudder."""
     y = measured((0.7, 1.0), np.random.default_rng(0), gusts=False)
     assert_isolated(decide_at(input_fault_bank(), y, 300), 0, 0.7)
     assert len(set(kalman_decisions(y)[100:])) > 2
@@ -282,11 +277,7 @@ def test_the_bank_measures_a_weakness_that_is_none_of_the_nine():
 
 @pytest.mark.parametrize("k", TOGETHER)
 def test_two_weak_actuators_leave_residuals_until_one_is_known(k):
-    """The bank has no such hypothesis; its best one may still be isolated.
-
-    The limit of the unexplained energy is relative: a hundred times the noise is little of these
-    large motions. With the loss of the aileron known, that of the rudder is isolated.
-    """
+    """The bank has no such hypothesis; its best one may be isolated, as the motions are large."""
     y = measured(EFFECT[k], np.random.default_rng(k), gusts=False)
     early, *later = (decide_at(input_fault_bank(), y, tick) for tick in (20, 100, 300))
     assert early.inflation > 2

@@ -14,9 +14,6 @@ INF = np.inf
 LONG = pytest.mark.long
 
 
-# Batches of small problems, as the kernel solves them.
-
-
 @dataclass(frozen=True)
 class Batch:
     """Batch of B problems of one shape: levels A (B, k, n), b (B, k), and bounds (B, n)."""
@@ -38,7 +35,7 @@ def one(levels: Any, lower: Any, upper: Any) -> Batch:
     return Batch(made, np.array(lower, float)[None], np.array(upper, float)[None])
 
 
-class Found(NamedTuple):
+class KernelOutput(NamedTuple):
     """Outputs of the kernel."""
 
     x: np.ndarray
@@ -59,7 +56,7 @@ def kernel(
     damping: Sequence[float] | None = None,
     most: int = 1000,
     room: float = 0.0,
-) -> Found:
+) -> KernelOutput:
     """Solve a batch: cold, or warm from (x, state).
 
     |x| is made least at last, before it |weight (x - wanted)| if given; `room` is what the kernel
@@ -95,7 +92,7 @@ def kernel(
         assert (x[at] == np.broadcast_to(bound, x.shape)[at]).all(), "an active bound is not met"
     steps, ended = report[:, 0].astype(int), report[:, 1] > 0
     gap = report[:, 2:].min(axis=1)
-    return Found(x, state, steps, ended, gap, ranks[:-1].reshape(scales.shape))
+    return KernelOutput(x, state, steps, ended, gap, ranks[:-1].reshape(scales.shape))
 
 
 def unlimited(batch: Batch) -> Batch:
@@ -104,7 +101,7 @@ def unlimited(batch: Batch) -> Batch:
     return Batch(batch.levels, -side, side)
 
 
-def starts(rng: np.random.Generator, batch: Batch) -> list[Found]:
+def starts(rng: np.random.Generator, batch: Batch) -> list[KernelOutput]:
     """Yield solutions from a cold start, and warm from unbounded optima, far points, vertices."""
     shape = batch.lower.shape
     states = rng.integers(-1, 2, shape), rng.choice([-1, 1], shape)
@@ -199,14 +196,11 @@ def worst(batch: Batch, k: int, x: np.ndarray) -> float:
     return certificate(levels, batch.lower[k], batch.upper[k], x[k])
 
 
-# Against oracles.
-
-
 @pytest.mark.parametrize(
     ("seed", "count", "heavy"),
     [(0, 12, 4), *(pytest.param(k, 100, 12, marks=LONG) for k in range(1, 11))],
 )
-def test_enumeration_of_active_sets_finds_no_better_answer(seed, count, heavy):
+def test_enumeration_of_active_sets_finds_no_better_solution(seed, count, heavy):
     """Check problems of each shape, some with rows of different weights."""
     rng = np.random.default_rng(seed)
     for n, rows in SHAPES:
@@ -240,9 +234,6 @@ def test_the_conditions_of_an_optimum_hold_in_many_unknowns(seed, count):
             assert max(worst(batch, k, result.x) for k in range(2)) < 1e-9
 
 
-# Starts.
-
-
 def test_a_warm_start_leaves_a_suboptimal_vertex():
     """Check that round-off of a level satisfied there keeps no bound active (1 of 3,000 failed)."""
     rng, shape = np.random.default_rng(0), (20_000, 4)
@@ -271,9 +262,6 @@ def test_no_bound_is_active_due_to_a_zero_direction():
         assert result.gap > 1.0
 
 
-# By hand.
-
-
 @pytest.mark.parametrize(
     ("levels", "lower", "upper", "x"),
     [
@@ -290,7 +278,7 @@ def test_no_bound_is_active_due_to_a_zero_direction():
         ([([[1, 5e-324]], [1])], [-9, -9], [9, 9], [1, 0]),
     ],
 )
-def test_exact_solutions(levels, lower, upper, x):
+def test_small_problems_have_exact_solutions(levels, lower, upper, x):
     batch = one(levels, lower, upper)
     far = np.full((1, len(x)), 1e9), np.zeros((1, len(x)))
     for result in (kernel(batch), kernel(batch, start=far)):  # no round-off of 1e9 is left
@@ -330,8 +318,6 @@ def test_degenerate_problems_end_and_are_optimal(n):
             assert max(worst(batch, k, result.x) for k in range(10)) < 1e-9
 
 
-# What changes nothing.
-
 COUNT = 150
 
 
@@ -341,9 +327,9 @@ def sample() -> tuple[Batch, Known]:
     return batch, known(batch)
 
 
-def assert_same(result: Found, other: Found) -> None:
+def assert_same(result: KernelOutput, other: KernelOutput) -> None:
     """Assert bit-wise equality."""
-    for name, a, b in zip(Found._fields, result, other, strict=True):
+    for name, a, b in zip(KernelOutput._fields, result, other, strict=True):
         assert a.tobytes() == b.tobytes(), name
 
 
@@ -351,7 +337,7 @@ def assert_same(result: Found, other: Found) -> None:
     ("base", "most", "size"),
     [(2, 300, 1.0), (10, 90, 1.0), *((1, 0, size) for size in (2.0**-300, 2.0**300, 3e-90, 7e90))],
 )
-def test_units_change_nothing_and_powers_of_two_not_a_bit(sample, base, most, size):
+def test_units_change_no_solution_and_powers_of_two_no_bit(sample, base, most, size):
     """Check a unit for each level, or another one for x."""
     batch, best = sample
     units = float(base) ** np.random.default_rng(1).integers(-most, most + 1, (2, COUNT))
@@ -379,7 +365,7 @@ def test_a_batch_equals_its_problems_bit_by_bit(sample):
         only = slice(k, k + 1)
         levels = [(A[only], b[only]) for A, b in batch.levels]
         alone = kernel(Batch(levels, batch.lower[only], batch.upper[only]))
-        assert_same(alone, Found(*(each[only] for each in whole)))
+        assert_same(alone, KernelOutput(*(each[only] for each in whole)))
 
 
 def test_x_does_not_depend_on_the_initial_workspace(sample):
@@ -402,9 +388,6 @@ def test_too_few_steps_leave_x_within_bounds_with_status_unfinished(sample):
         assert (result.steps <= most).all()
         unfinished += np.count_nonzero(~result.ended)
     assert unfinished > COUNT
-
-
-# Damping and weights.
 
 
 WEIGHTS = [

@@ -72,7 +72,7 @@ def test_the_largest_gap_is_that_of_the_rows_that_count():
 
 
 @pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])
-def test_the_largest_gap_in_its_unit_hides_none_that_is_not_finite(bad):
+def test_the_largest_gap_is_not_finite_if_any_gap_is_not(bad):
     gaps, units = np.random.default_rng(0).normal(size=(2, 9))
     gaps[4] += bad
     result = lib.largest(pointer(gaps), pointer(units), 7)

@@ -62,7 +62,7 @@ def test_the_closure_condition_is_that_of_the_passive_columns(data, sample):
 
 
 @pytest.mark.parametrize("gain", [99.0, 101.0])
-def test_texts_report_large_amplifications_only(gain):
+def test_texts_report_only_large_amplifications(gain):
     """Check an actuator slower by `gain`, and a loop whose second equation is scaled by `gain`."""
     large = gain > 100
     slow = ConstrainedSystem(np.diag([1.0, 1.0 / gain]), None, [0, 1]).kinematics()

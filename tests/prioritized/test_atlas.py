@@ -187,8 +187,6 @@ def test_one_motor_moves_the_task_at_its_gain_with_soft_springs(seed):
         np.testing.assert_allclose(classes.worst_speed, classes.worst_gain, rtol=1e-9)
 
 
-# The hexapod.
-
 STRUTS_M = (-635e-6, 635e-6)
 COILS_N = (-80.0, 80.0)
 

@@ -124,7 +124,7 @@ def test_a_set_grows_with_its_limits(unit):
 
 
 @given(st.data(), systems(actives=(1, 4), tasks=(1, 3)))
-def test_no_limits_are_limits_that_are_wide_enough(data, sample):
+def test_infinite_limits_equal_sufficiently_wide_ones(data, sample):
     """Compare infinite limits with increasing ones, for velocities and forces."""
     n, m = len(sample.system.active), len(sample.system.J_T)
     major, (lower, upper) = rows_of(data, m), data.draw(pairs(n))
@@ -148,9 +148,6 @@ def test_corners_in_the_plane_are_in_counter_clockwise_order():
         turns = (np.roll(x, -1) - x) * (np.roll(y, -2) - np.roll(y, -1))
         turns -= (np.roll(y, -1) - y) * (np.roll(x, -2) - np.roll(x, -1))
         assert (turns > 0.0).all()
-
-
-# By hand.
 
 
 def arm() -> ConstrainedSystem:

@@ -37,9 +37,6 @@ def by_gains(mapping, *goals):
     return sum(np.einsum("...ij,...j->...i", gain, aim) for gain, aim in pairs)
 
 
-# One answer.
-
-
 @given(st.data(), systems(), st.sampled_from([0.3, 3.0, np.inf]))
 @examples(200)
 def test_all_methods_give_equal_rates(data, sample, size):
@@ -192,8 +189,6 @@ def test_rates_satisfy_a_loop_that_ties_the_actuators_at_another_pose():
     np.testing.assert_allclose(mapping.at(tied)(np.ones(1)), [1, 1], atol=1e-14)
 
 
-# Batches.
-
 LEAD = (2, 3)
 AXES = st.sampled_from([None, (), (3,), LEAD])
 """Batch axes of an argument; None omits it."""
@@ -290,8 +285,6 @@ def test_a_batch_within_limits_equals_its_elements(when, constrained):
         assert result.limited[i, k] == alone.limited
         np.testing.assert_allclose(result.gains[i, k], alone.gains, atol=1e-7)
 
-
-# Results are frozen, their own, and the same in every thread.
 
 Method = Callable[[np.ndarray], np.ndarray]
 UNKEPT = "least squares"

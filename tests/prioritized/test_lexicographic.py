@@ -57,7 +57,7 @@ def assert_optimal(problem: Problem, **others: Any) -> Solution:
 
 @examples(60)
 @given(problems(most=4))
-def test_enumeration_of_active_sets_finds_no_better_answer(problem):
+def test_enumeration_of_active_sets_finds_no_better_solution(problem):
     result, x = assert_optimal(problem), enumerated(problem)
     np.testing.assert_allclose(result.x, x, rtol=0, atol=1e-7 * (1 + abs(x).max()))
     for (A, b), residual in zip(problem.levels, result.residuals, strict=True):
@@ -66,7 +66,7 @@ def test_enumeration_of_active_sets_finds_no_better_answer(problem):
 
 
 @pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 60), marks=LONG)])
-def test_interior_points_find_no_better_answer(seeds):
+def test_interior_points_find_no_better_solution(seeds):
     for seed in seeds:
         rng = np.random.default_rng(seed)
         kinds = ["any rank", "redundant rows", "dependent levels"]
@@ -144,7 +144,7 @@ def test_infeasible_rows_have_a_certificate_and_the_bounds_hold(seed, n):
     assert proves(result, G, low, high, lower, upper)
 
 
-def test_feasible_rows_are_never_called_infeasible_far_below_the_optimum():
+def test_feasible_rows_are_never_reported_as_infeasible():
     """Check rows with a single feasible point, and solutions of 5e4 with rows of size one."""
     rows = np.array([[1.0, 1.0], [-1.0, -1.0]]), np.array([1e-9, -1e-9]), np.full(2, INF)
     target = [(np.eye(2) * [[1.0], [1e-4]], np.array([3.0, 50.0]))]
@@ -173,9 +173,6 @@ def test_klee_mintys_cube_needs_few_steps(n):
     assert result.status is Status.OPTIMAL
     assert result.steps < 20 * n
     assert cost @ result.x == pytest.approx(high[-1], rel=1e-12)
-
-
-# Oracles: they agree, and each can fail.
 
 
 @examples(60)

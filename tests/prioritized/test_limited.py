@@ -168,9 +168,6 @@ def test_the_status_distinguishes_the_restrictions_of_the_task(J, v, more, statu
     assert bool(result.limited) == (max(v) > 1) or status is Status.INFEASIBLE
 
 
-# Forces.
-
-
 @given(SEEDS, st.integers(1, 5), st.data())
 def test_the_major_force_is_the_nearest_that_the_torque_limits_admit(seed, n, data):
     """Compare, for square J, with the least squares over the box by another solver."""

@@ -19,7 +19,7 @@ from tests.random_systems import (
 
 
 @given(st.data(), systems())
-def test_all_velocities_come_in_the_order_of_the_columns(data, sample):
+def test_all_velocities_are_in_the_order_of_the_columns(data, sample):
     """Check that they close the loops, move the task by J rates, and are zero for stuck joints."""
     system = data.draw(failures(sample.system))
     kin = system.kinematics()

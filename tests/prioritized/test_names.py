@@ -91,7 +91,7 @@ def test_the_atlas_accepts_and_lists_names():
         atlas.row(free=["kneee"])
 
 
-def test_sentences_name_the_joints_concerned():
+def test_sentences_contain_the_names_of_the_joints():
     """Check geared hip and knee, a rod that spins in two ball joints, and an unreachable slide."""
     J_C = np.array([[2.0, -1.0, 0, 0, 0], [0, 0, 0, 1.0, -1.0]])
     joints = "hip", "knee", "slide", "ball", "socket"

@@ -25,8 +25,6 @@ from tests import spaces
 from tests.profiles import scaled
 from tests.random_systems import SEEDS, major_and_secondary, of_rank, orthogonal
 
-# Where verdicts flip.
-
 
 def expect(decision: tuple[bool, float], sigma: float, scale: float) -> None:
     """Return the rank decision (counts, gap) on a singular value of a matrix of this scale."""
@@ -110,8 +108,6 @@ def test_the_rank_is_decided_with_the_given_scale_and_tolerance():
     mapping = velocity_mapping(np.eye(2), [[1, 0], [1, 3e-10]], rank_tolerance=1e-8)
     assert mapping.rank == 1 and mapping.secondary.shape == (2, 1)
 
-
-# Who agrees.
 
 NEAR = st.floats(-1.0, 2.0)
 """Exponents of singular values in multiples of the threshold: 0.1 to 100."""
@@ -237,9 +233,6 @@ def test_no_mapping_or_hierarchy_moves_along_unreachable_directions(seed, number
             assert np.linalg.norm(rates) <= 1.01 * mapping.largest_gain, code
 
 
-# Gaps warn.
-
-
 @given(st.floats(-13, -7), st.booleans())
 def test_no_gap_exceeds_that_of_the_loop_closure(exponent, more):
     """Check that gaps include the first decision, whether a loop determines a passive joint."""
@@ -277,9 +270,6 @@ def test_relatively_small_weights_and_metrics_reduce_the_gap(w):
     assert system.kinematics(passive_metric=[0, 1, 3, 1]).gap > 1e9
 
 
-# The tolerance as what it is, the accuracy of the geometry.
-
-
 def test_the_accuracy_sets_the_tolerance_and_stays_visible():
     system = ConstrainedSystem(np.eye(2), None, [0, 1], geometry_accuracy=1e-6)
     assert system.geometry_accuracy == 1e-6
@@ -293,7 +283,7 @@ def test_the_accuracy_sets_the_tolerance_and_stays_visible():
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_tolerance_of_zero_divides_by_no_zero(seed):
+def test_a_tolerance_of_zero_causes_no_division_by_zero(seed):
     """Check a duplicated loop, whose round-off counts."""
     J = np.random.default_rng(seed).normal(size=(4, 5))
     system = ConstrainedSystem(J[:3], J[[3, 3]], [0, 1, 2], rank_tolerance=0.0)
@@ -314,8 +304,6 @@ def test_joint_weights_are_exact_for_any_geometry(batched):
         np.testing.assert_allclose(rough.major, fine.major, rtol=1e-9)
         np.testing.assert_allclose(rough(target), fine(target), rtol=1e-9)
 
-
-# A tilt: products that vanish upright leave round-off.
 
 AXES = np.eye(3)
 

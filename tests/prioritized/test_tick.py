@@ -158,7 +158,7 @@ def test_a_tick_solves_well_conditioned_problems(size, count):
 
 @given(SEEDS, st.floats(3.0, 17.0), st.floats(-3.0, 3.0))
 @examples(200)
-def test_the_rank_of_a_nearly_redundant_loop_row(seed, nearness, unit):
+def test_a_nearly_redundant_loop_row_has_the_decided_rank(seed, nearness, unit):
     """Check that J_C has the decided rank where the compiled method returns a result."""
     rng = np.random.default_rng(seed)
     exact = tied(rng, 1)
@@ -261,7 +261,7 @@ def test_rows_scaled_tasks_and_intervals_have_no_tick(arguments):
     ],
 )
 @pytest.mark.parametrize("size", [0.2, np.inf])
-def test_levels_of_all_kinds_are_solved_as_in_general(levels, size):
+def test_levels_of_all_kinds_equal_the_general_solver(levels, size):
     """Check damping, rates before tasks, small or non-diagonal weights, duplicated tasks."""
     kin, rng, most = ARM.kinematics(), np.random.default_rng(3), np.full(3, size)
     hierarchy = kin.hierarchy(levels)

@@ -138,9 +138,6 @@ def test_major_directions_are_as_good_as_rows_in_any_order(seed):
     np.testing.assert_allclose(paper.major, ascending.major, atol=1e-12)
 
 
-# Units and sizes.
-
-
 SIZES = (5e-324, 1e-310, 1e-308, 1e-200, 1e-60, 1e60, 1e110)
 
 
@@ -162,9 +159,6 @@ def test_a_common_factor_of_all_weights_changes_nothing(size):
     rates = velocity_mapping(J, [0, 1], joint_weight=many)(v)
     one = velocity_mapping(J, [0, 1], joint_weight=W1)(v)
     np.testing.assert_allclose(rates, [one, one, one], rtol=1e-9)
-
-
-# Damping.
 
 
 @given(SEEDS, st.floats(0, 14), st.floats(0, 12), st.integers(0, 2))

@@ -61,9 +61,6 @@ def any_joints(rng, n, T=None) -> Joints:
     return Joints(*limits, T=10.0 ** rng.uniform(-4, 0) if T is None else T)
 
 
-# Oracles: dynamic programming on a lattice, and linear programs over all futures.
-
-
 def kernel(last, slow, fast, down, up):
     """Return the lattice states (i, j), 0 <= i <= last, slow <= j <= fast, that are viable.
 
@@ -172,9 +169,6 @@ def test_the_fastest_rate_stops_exactly_at_the_limit_in_any_units(steps, braking
     assert end == pytest.approx(float(w), rel=1e-13, abs=0)
 
 
-# For ever.
-
-
 def walk(joints: Joints, x, v, ticks, rng):
     """Return positions, rates and boxes of joints that stay at one end of the box for a while."""
     fixed = rng.random(np.shape(x))
@@ -203,9 +197,6 @@ def test_no_limit_is_ever_violated_by_rates_of_the_box(seed, ticks):
         room = 4 * EPS * np.maximum(abs(v), abs(before))
         assert (v <= before + joints.T * joints.a_max + room).all()
         assert (v >= before + joints.T * joints.a_min - room).all()
-
-
-# Outside.
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -270,7 +261,7 @@ def test_the_return_from_far_outside_respects_the_other_limit():
         ((-INF, INF, -INF, INF, -5.0, 3.0), 3.0, 4.0, True, 3.5, 4.3),
     ],
 )
-def test_exact_boxes(limits, x, v, viable, lower, upper):
+def test_boxes_equal_those_computed_by_hand(limits, x, v, viable, lower, upper):
     box = Joints(*limits, T=0.1).box([x], [v])
     assert box.viable[0] == viable
     assert (box.lower[0], box.upper[0]) == pytest.approx((lower, upper))
@@ -282,9 +273,6 @@ def test_one_rate_remains_if_braking_just_suffices():
     box = joints.box(np.full(7, 1.0), 1.0 + 1e-13 * np.arange(-3, 4))
     assert box.viable.all()
     np.testing.assert_array_equal(box.lower, box.upper)
-
-
-# Extremes.
 
 
 @pytest.mark.parametrize("d", [1e12, 1e25, 1e40, 1e100])
@@ -305,7 +293,7 @@ POSITIVE = st.one_of(st.floats(1e-119, 1e119), st.just(np.inf))
     sizes=st.tuples(LARGE, LARGE, LARGE, POSITIVE, POSITIVE),
     T=st.floats(1e-119, 1e119),
 )
-def test_no_ratio_of_limits_empties_a_box_or_ends_in_nan(state, x_min, sizes, T):
+def test_no_ratio_of_limits_empties_a_box_or_gives_nan(state, x_min, sizes, T):
     """Check that rest is always allowed at rest within the limits."""
     (x, v), (range_, slow, fast, down, up) = state, sizes
     joints = Joints(x_min, x_min + range_, -slow, fast, -down, up, T)

@@ -71,12 +71,12 @@ pytestmark = pytest.mark.long
 
 
 @pytest.mark.parametrize("page", WITH_CODE)
-def test_the_code_of_a_page_runs_and_prints_what_stands_below_it(page, names_of):
+def test_the_code_of_a_page_prints_the_stated_output(page, names_of):
     assert names_of(page)
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if "```sh\n" in page.read_text()], ids=str)
-def test_the_command_line_takes_every_command_of_a_page(page):
+def test_the_command_line_accepts_every_command_of_a_page(page):
     """Names, options and their values; nothing is run."""
     app = typer.main.get_command(app_of(*LINES))
     for line in "".join(code(str(page), "sh")).splitlines():
@@ -91,9 +91,7 @@ def test_the_command_line_takes_every_command_of_a_page(page):
 
 
 @pytest.mark.parametrize("robot", ["unknown_arm", "unnamed_gantry"])
-def test_the_readmes_lines_survive_a_robot_that_they_do_not_know(
-    robot, tmp_path, monkeypatch, capsys
-):
+def test_the_code_of_the_readme_works_for_other_robots(robot, tmp_path, monkeypatch, capsys):
     """They name the lock; by sensors whose noise hides everything they say why there is none."""
     monkeypatch.chdir(tmp_path)
     shutil.copy(Path(__file__).parents[1] / "models" / f"{robot}.xml", tmp_path / "yours.xml")
@@ -114,7 +112,7 @@ def test_the_readmes_lines_survive_a_robot_that_they_do_not_know(
         assert "Nothing was diagnosed; the sensors agree with the prediction of" in printed
 
 
-def test_the_tick_of_the_page_takes_its_general_way_where_a_rank_is_in_doubt(capsys):
+def test_the_tick_of_the_page_uses_the_general_solver_if_a_rank_is_uncertain(capsys):
     (script,), (printed,) = (code("docs/performance.md", kind) for kind in ("python", "text"))
     exec(script.replace("if qvel is None", "if True"), {})
     assert_prints(capsys.readouterr().out, printed)
@@ -127,7 +125,7 @@ def table(heading: str) -> Iterator[list[str]]:
         yield [cell.strip(" `") for cell in line.strip("|").split("|")]
 
 
-def test_the_tables_of_entities_and_arrays_have_all_that_the_files_hold(names_of):
+def test_the_tables_list_all_entities_and_arrays_of_the_files(names_of):
     """No entity in no row or in two, and as many as the row says."""
     folder = names_of("docs/recordings.md")["folder"]
     schema = RrdReader(folder / "W_e.rrd").store().schema()
@@ -158,7 +156,7 @@ def test_the_study_of_the_page_writes_its_files_and_its_checks_can_fail(names_of
 
 
 @pytest.mark.parametrize("name", ["fjh", "arm", "arms", "hand", "platform"])
-def test_every_number_of_a_machine_file_says_where_it_comes_from(name):
+def test_every_number_of_a_machine_file_has_a_stated_source(name):
     """The nearest comment above names its origin."""
     comment = ""
     for token in re.findall(

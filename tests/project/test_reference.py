@@ -32,5 +32,5 @@ def test_the_reference_has_every_public_name(module):
     assert missing <= NOT_DOCUMENTED
 
 
-def test_the_reference_has_every_name_of_the_one_package():
+def test_the_reference_has_every_name_of_fjh():
     assert set(re.findall(r"`fjh\.(\w+)`", (API / "fjh.md").read_text())) == set(fjh.__all__)

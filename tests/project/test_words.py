@@ -36,7 +36,7 @@ def test_the_documentation_stays_short(pages, most):
     assert words(*pages) <= most
 
 
-def test_the_navigation_has_every_page_once_in_sections_by_reader():
+def test_the_navigation_has_every_page_once():
     """No page beside it, none twice, as many in each section as planned."""
     trees = re.findall(r":caption: ([^\n]+)\n+(.*?)```", (DOCS / "index.md").read_text(), re.DOTALL)
     listed = {

@@ -60,9 +60,6 @@ def limited(hinge: float = 0.1, slide: float = 0.05, ball: float = 0.2) -> mujoc
     return data
 
 
-# Plants.
-
-
 @cache
 def humanoid() -> mujoco.MjModel:
     return load_model(MODELS / "humanoid.xml")
@@ -98,8 +95,6 @@ def pendulum(actuators: str, joint: str = "", cable: str = "") -> mujoco.MjModel
       <equality><{kind} name="lock1" {kind}1="{name}" active="false"/></equality>
       <actuator>{actuators}</actuator></mujoco>""")
 
-
-# Transmissions of every kind on one linkage, `tests/models/linkage.xml`.
 
 FREEDOMS = 7
 
@@ -179,9 +174,6 @@ def mechanism(actuators: str, seed: int = 0) -> tuple[mujoco.MjModel, mujoco.MjD
     """Load the linkage with some actuators, and a random closed state."""
     of = linkage(actuators=actuators)
     return of, closed(of, seed)
-
-
-# Hexapod.
 
 
 @cache

@@ -62,9 +62,6 @@ def classification(jac: Jacobians, accuracy: float | None = None) -> tuple[int, 
     return kin.self_motion.shape[1], len(kin.active_constraint), int(rank)
 
 
-# One number of the whole geometry.
-
-
 def test_exact_numbers_show_no_rounding():
     """Check zeros, ones, numbers of few digits and numbers in full."""
     for name in ("arm", "hand", "platform", "arms", "fjh"):
@@ -86,7 +83,7 @@ def test_rounded_numbers_show_their_rounding():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_skew_axes_do_not_change_the_classification_at_the_models_accuracy(seed):
-    """Without the accuracy, axes off by 1e-8 seem to block the machine."""
+    """Axes off by 1e-8 would block the machine at an accuracy of zero."""
     skewed = np.tile([0.0, 0.0, 1.0], (7, 1))
     skewed[:, :2] = 1e-8 * np.random.default_rng(seed).uniform(-1.0, 1.0, size=(7, 2))
     for rounded in (three_rrr(digits=6), three_rrr(axes=skewed)):
@@ -125,9 +122,6 @@ def test_loop_gaps_do_not_change_the_classification(make, freedoms, rate, driven
         assert jac.closure_residual == pytest.approx(gap, rel=1e-3)
         assert classification(jac) == expected
         assert np.abs(kinematics(jac).J - exact).max() < rate * gap + 1e-12
-
-
-# An error of each entry: plain MuJoCo with every number moved.
 
 
 def chain(rng: np.random.Generator, unit: int = 0, loops: str = "") -> mujoco.MjModel:

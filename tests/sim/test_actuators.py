@@ -23,9 +23,6 @@ def applied(plant: Plant) -> np.ndarray:
     return plant.data.qfrc_actuator.copy()
 
 
-# Held still.
-
-
 def test_holding_forces_of_an_open_chain_are_those_of_inverse_dynamics():
     plant = started("drives")
     forces, data = applied(plant), plant.data
@@ -48,7 +45,7 @@ def test_holding_forces_on_a_loop_do_no_work_and_have_the_least_norm():
     assert abs(squeeze[:, 0] @ plant.data.actuator_force) < 1e-9
 
 
-def test_a_weak_actuator_lets_another_bear_what_is_beyond_its_range():
+def test_another_actuator_bears_the_load_beyond_the_range_of_a_weak_one():
     """Two actuators of 5 and 50 N support 19.6 N; with the least norm each takes half."""
     model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><body name="plate">
       <joint name="lift" type="slide" axis="0 0 1"/><geom size="0.1" mass="2"/><site name="tool"/>
@@ -92,9 +89,6 @@ def test_a_start_out_of_balance_is_rejected():
     model, _ = posed("squeezed_loop")
     with pytest.raises(ClosureError, match=r"call sim\.assemble"):
         Plant(model, **WORLD, start=at(model, left=0.3))
-
-
-# Commands.
 
 
 @pytest.mark.parametrize("name", POSES)
@@ -180,10 +174,7 @@ def test_actuators_without_static_displacement_are_rejected_with_the_reason(
     assert "\n" not in str(raised.value)
 
 
-# Limits.
-
-
-def test_at_its_limits_a_drive_rests_and_commands_take_it_no_farther():
+def test_a_drive_rests_at_its_limits_for_any_larger_command():
     """Ranges of joint, tendon, control and force apply, each at the nearest end."""
     plant = started("drives")
     lower, upper = plant.limits()
@@ -197,7 +188,7 @@ def test_at_its_limits_a_drive_rests_and_commands_take_it_no_farther():
         assert plant.displacements()[-1] == pytest.approx(upper[-1], rel=0.01)
 
 
-def test_a_force_range_limits_what_a_spring_takes():
+def test_a_force_range_limits_the_share_of_a_spring_force():
     """The two coils share the spring force as their gears, 1 to 3; the first has 12 N."""
     plant = started("drives", (' range="-0.05 0.08"', ""), ("-400 400", "-12 12"))
     preload = plant.data.actuator_force[2]
@@ -207,8 +198,6 @@ def test_a_force_range_limits_what_a_spring_takes():
     plant.step(upper[2] * np.eye(len(upper))[2], 2.0)
     assert plant.data.actuator_force[2] == pytest.approx(12.0, rel=1e-6)
 
-
-# Locks.
 
 NAMES = {"base": None, "payload": "foot"}
 COMMAND = np.array([0.5, -0.4, 0.3])
@@ -231,7 +220,7 @@ def test_a_joint_or_tendon_locks_in_motion_at_its_present_position(name, drive):
 
 @pytest.mark.parametrize("flag", ["", "EQUALITY", "CONSTRAINT"])
 @pytest.mark.parametrize("actuator", range(3))
-def test_a_lock_that_was_added_holds_in_motion(actuator, flag):
+def test_an_added_lock_is_effective_in_motion(actuator, flag):
     """The other joints move; flags that disable equalities are cleared without effect on others."""
     model = model_of("three_joints", add_locks=True)
     bit = int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0))
@@ -273,7 +262,7 @@ def simulated(integrator: str, step_s: float, *locked: int) -> np.ndarray:
 @pytest.mark.parametrize("locked", [(1,), (0, 2)])
 @pytest.mark.parametrize("integrator", ["EULER", "IMPLICIT", "IMPLICITFAST", "DISCRETE"])
 @pytest.mark.parametrize("step_s", [2e-3, 5e-3, 1e-2])
-def test_a_lock_holds_at_any_usual_step_as_at_a_short_one(integrator, step_s, locked):
+def test_a_lock_is_as_stiff_at_any_usual_step_as_at_a_short_one(integrator, step_s, locked):
     """The reference is MuJoCo at 0.1 ms, where the equality alone holds."""
     oracle, path = simulated("DISCRETE", 1e-4, *locked), simulated(integrator, step_s, *locked)
     healthy = np.ptp(simulated(integrator, step_s)[31:], axis=0)
@@ -298,7 +287,7 @@ def test_a_yielding_lock_is_reported_before_the_simulation():
     assert "a time constant of" in Plant(soft, **NAMES).soft_locks[1]
 
 
-def test_locks_may_have_other_names_and_must_hold_one_joint():
+def test_locks_may_have_other_names_and_must_fix_one_joint():
     def brakes(*names: str) -> mujoco.MjModel:
         pairs = zip(names, ("hip", "knee", "ankle"), strict=False)
         locks = "".join(f'<joint name="{n}" joint1="{j}" active="false"/>' for n, j in pairs)
@@ -318,9 +307,6 @@ def test_locking_an_actuator_without_a_lock_is_rejected():
     for drive, pattern in ((3, '"x" cannot be locked: it moves neither'), (7, '"crank" cannot be')):
         with pytest.raises(ModelError, match=pattern):
             plant.lock(drive)
-
-
-# Weak, free and loose.
 
 
 def test_all_actuators_of_a_drive_weaken_and_are_released_together():
@@ -367,9 +353,6 @@ def test_actuators_of_any_groups_are_released_one_by_one(groups, off):
         silent = np.flatnonzero(plant.data.actuator_force == 0.0).tolist()
         assert silent == sorted({*number} - {*on[count:]})
     np.testing.assert_array_equal(model.actuator_group, groups)
-
-
-# Repair.
 
 
 @pytest.fixture(params=["fjh", "arm", "drives"])

@@ -34,7 +34,7 @@ from tests.sim.machines import at, humanoid, linkage, opened, stored, stretched
 
 @stored
 @pytest.mark.parametrize("seed", range(6))
-def test_every_kind_of_closure_closes_from_afar(storage, seed):
+def test_every_kind_of_closure_closes_from_a_distance(storage, seed):
     """Connects, a weld, a polynomial gear and a cable close from 0.1 m and rad in every joint."""
     of = linkage(*storage)
     data = opened(of, 0.1, seed)
@@ -69,7 +69,7 @@ def test_fixed_joints_do_not_move():
 
 
 def test_an_open_closure_is_reported_with_its_gap():
-    """With every joint fixed the pin stays open; a loop of rods too short never closes."""
+    """The pin stays open if every joint is fixed; a loop of rods too short never closes."""
     of = model("five_bar")
     data = opened(of, 1e-3)
     with pytest.raises(ClosureError, match='equality "pin" is open by') as raised:
@@ -112,7 +112,7 @@ def crane(L: float) -> mujoco.MjModel:
 
 @pytest.mark.parametrize("L", [1e-3, 1.0, 1e3, 1e4])
 def test_in_any_unit_of_length_the_same_pose_closes(L):
-    """From half a length off, with a weld, a slide, a coupling of slides and a pinned frame."""
+    """The start is half a length off, with a weld, a slide, coupled slides and a pinned frame."""
     model = crane(L)
     data = mujoco.MjData(model)
     data.joint("lift").qpos = 0.3 * L
@@ -139,9 +139,6 @@ def test_without_a_state_a_model_starts_at_its_first_keyframe():
     np.testing.assert_array_equal(assemble(of, mujoco.MjData(of)).qpos, of.qpos0)
     plain = model("rubbing_arm")
     np.testing.assert_array_equal(assemble(plain).qpos, plain.qpos0)
-
-
-# Motion.
 
 
 def five_bar(*rates: float, of: mujoco.MjModel | None = None) -> tuple[Any, Any, np.ndarray]:
@@ -183,8 +180,7 @@ def test_a_planar_mechanism_moves_although_its_axes_are_not_quite_parallel(accur
     assert np.linalg.norm((there - start)[:2]) < 1e-5 + 20 * accuracy
 
 
-def test_the_accuracy_shown_by_a_model_is_used_by_default():
-    """The mechanism is assembled and moves without a stated accuracy."""
+def test_the_estimated_accuracy_of_a_model_is_used_by_default():
     of = model("five_bar")
     of.joint("left").axis, of.joint("right_elbow").axis = [1e-7, 0, 1], [0, 2e-7, 1]
     data = assemble(of, opened(of, 0.02))
@@ -246,7 +242,7 @@ def test_a_ball_joint_stuck_about_one_axis_keeps_its_rate_there():
 @pytest.mark.parametrize(
     ("bend", "step", "misses"), [(0.004, -1e-4, True), (0.004, -1e-7, False), (1.0, -1e-2, False)]
 )
-def test_a_deviating_step_advises_a_shorter_one(unit, bend, step, misses):
+def test_the_error_of_a_deviating_step_advises_a_shorter_one(unit, bend, step, misses):
     """Near the stretched pose joints rotate far for a small displacement: the rest is curvature."""
     of, data = stretched(unit, bend)
     kin = ConstrainedSystem.of(jacobians(of, data, "tip")).kinematics()
@@ -262,8 +258,6 @@ def test_a_deviating_step_advises_a_shorter_one(unit, bend, step, misses):
         off = there.site("tip").xpos - data.site("tip").xpos - [part * step * unit, 0.0, 0.0]
         assert np.linalg.norm(off) < 0.25 * part * abs(step) * unit
 
-
-# Steps that are too long.
 
 TICK_S = 0.02
 FEET = Pin("foot_l", weld=True), Pin("foot_r", weld=True)
@@ -356,8 +350,8 @@ def test_a_shortened_step_is_nearly_the_longest_and_lies_on_the_loops():
     assert off @ M @ off <= (0.06 * there.time) ** 2 * v @ M @ v
 
 
-def test_a_step_after_which_nothing_closes_is_shortened_too():
-    """Both motors turn as commanded, until the rods between their cranks are too short."""
+def test_a_step_after_which_loops_do_not_close_is_shortened():
+    """The motors turn as commanded, until the rods between their cranks are too short."""
     of, data, v = five_bar(0.9, -0.9, 0.0)
     with pytest.warns(RuntimeWarning, match=r'equality "pin" stays open by'):
         there = advance(of, data, v, held=["left", "right"])
@@ -384,7 +378,6 @@ def test_a_velocity_that_opens_the_loops_is_rejected_for_any_step(length):
 @pytest.mark.parametrize("name", ["arm", "mobile", "quadruped", "humanoid"])
 @pytest.mark.parametrize("held", [(), (1, 2)])
 def test_without_loops_a_step_equals_that_of_mujoco_exactly(name, held):
-    """Fixed joints move as commanded."""
     of = load_model(MODELS / f"{name}.xml")
     rng, data = np.random.default_rng(1), mujoco.MjData(of)
     for _ in range(5):
@@ -398,7 +391,7 @@ def test_without_loops_a_step_equals_that_of_mujoco_exactly(name, held):
 
 
 def test_an_overwritten_state_equals_a_new_one():
-    """Both another state and the start state are overwritten, with and without loops."""
+    """The overwritten state is another one, or the start itself, with and without loops."""
     arm = load_model(MODELS / "arm.xml")
     moving = arm, mujoco.MjData(arm), 0.5 * np.ones(arm.nv)
     for of, data, v in (five_bar(0.3, -0.3, 0.0), moving):

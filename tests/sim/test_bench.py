@@ -77,7 +77,6 @@ class Blind:
     """Sensors that read no task."""
 
     def read(self, pose, displacements):
-        """Read displacements without noise."""
         return Reading(np.zeros(2), displacements.copy())
 
 
@@ -141,7 +140,7 @@ def test_a_load_along_an_actuator_moves_what_its_own_force_moves(model, machine)
 
 @pytest.mark.long
 def test_forces_updated_once_a_tick_equal_those_of_every_physics_step(model):
-    """At 4 Hz on 1 % of the stiffness they differ by 3 % of the effect of hysteresis."""
+    """The forces differ by 3 % of the effect of hysteresis at 4 Hz and 1 % of the stiffness."""
     time_s = np.arange(250) * PERIOD_S
     commands = 2e-5 * np.sin(2 * np.pi * 4 * time_s)[:, None] * np.ones(6)
     slip = MaxwellSlip(np.full((6, 4), 315.0), np.tile([0.3e-6, 1e-6, 5e-6, 2e-5], (6, 1)))
@@ -165,8 +164,6 @@ def test_hysteresis_of_another_number_of_actuators_is_rejected(model):
     with pytest.raises(ValueError, match="hysteresis must have one row for each of 6"):
         Bench(Plant(model), Blind(), time_s=np.zeros(1), period_s=1e-3, hysteresis=chain(0))
 
-
-# Its arrays.
 
 TICKS = 3
 

@@ -47,7 +47,7 @@ def test_each_velocity_is_known_by_name_actuators_and_gears(kind):
         ("m", [["site"], ["thrusters"], ["slider-crank"], ["free"]]),
     ],
 )
-def test_what_only_turns_moves_by_an_angle(unit, kinds):
+def test_rotary_drives_move_by_an_angle_and_linear_ones_by_a_length(unit, kinds):
     for together in kinds:
         first, *others = (CASES[kind].mjcf for kind in together)
         mjcf = first + "".join(other.replace('name="m"', 'name="n"') for other in others)
@@ -99,7 +99,6 @@ def test_parallel_gears_are_one_velocity_despite_rounded_zeros(one, other):
 
 @pytest.mark.parametrize("tendon", ["cable", "hoist", "wrap"])
 def test_a_locked_tendon_keeps_its_length(tendon):
-    """The lock removes one freedom."""
     of, data = mechanism(f'<motor tendon="{tendon}" gear="2"/><motor joint="crank"/>')
     locked = motions(ConstrainedSystem.of(jacobians(of, data, "tool")).with_failures(locked=[0]))
     assert locked.shape[1] == FREEDOMS - 1
@@ -131,9 +130,6 @@ def test_servos_on_tendons_move_a_simulated_tool_as_the_mapping_commands(locked)
         mujoco.mj_step(of, data, 4000)
         moved = -pose_error(of, data, "tool", start)[rows]
         assert np.linalg.norm(moved - step) < 0.01 * np.linalg.norm(step)
-
-
-# An arm with any actuators.
 
 
 def arm_model(actuators: str, joint: str = "", tendon: str = "") -> mujoco.MjModel:
@@ -255,7 +251,7 @@ def test_actuators_that_move_nothing_are_rejected_with_the_remedy(actuators, mes
         '<motor cranksite="tool" slidersite="flag" cranklength="6"/>',
     ],
 )
-def test_a_linear_model_reads_the_velocity_of_what_is_on_no_joint(drive):
+def test_a_linear_model_has_the_velocity_of_actuators_without_a_joint(drive):
     """C_active is the relation to the joints in J_C."""
     of = arm_model(drive)
     jac = jacobians(of, mujoco.MjData(of), "tool")
@@ -289,7 +285,7 @@ def test_an_actuator_has_one_name_and_answers_to_its_joints():
 
 
 def test_digits_are_a_name_first_and_then_a_number():
-    """Some hands number their joints in another order than their actuators."""
+    """Hands may number their joints in another order than their actuators."""
     assert number_of("0", [("a", "2"), ("b", "0"), ("c", "1")]) == 1
     assert number_of("2", [("a",), ("b",), ("c",)]) == 2
     with pytest.raises(ValueError, match='no actuator or joint "3"'):

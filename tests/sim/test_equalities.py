@@ -32,7 +32,6 @@ def test_rows_are_slopes_of_gaps(storage):
 
 @stored
 def test_contacts_limits_and_dry_friction_have_no_rows(storage):
-    """They are active in the physics."""
     of = linkage(*storage)
     of.opt.disableflags = 0
     data = mujoco.MjData(of)
@@ -73,9 +72,6 @@ def test_active_equalities_that_flags_disable_are_rejected(flag):
     assert jacobians(of, mujoco.MjData(of), "tool").J_C.shape == (0, 5)
 
 
-# Gaps.
-
-
 def test_open_loops_are_rejected_beyond_the_tolerance():
     of = model("five_bar")
     data = opened(of, 0.01)
@@ -92,7 +88,7 @@ def test_open_loops_are_rejected_beyond_the_tolerance():
 
 
 def test_a_weld_of_any_torquescale_is_closed_in_radians():
-    """At a torquescale of 1e-3 MuJoCo's residual is a two-thousandth of the angle."""
+    """MuJoCo's residual at a torquescale of 1e-3 is a two-thousandth of the angle."""
     of = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
       <body name="a"><joint name="a" axis="0 0 1"/><geom size="0.1"/><site name="tool"/>
         <body name="b" pos="0 0 1"><joint name="b" axis="0 0 1"/><geom size="0.1"/></body></body>
@@ -137,8 +133,6 @@ def test_a_redundant_crank_removes_no_freedom_from_a_linear_model(turn):
     closed.joint("right").qpos += 2e-11
     assert len(linearize(of, closed, site="tool", axes=None).A) == 2
 
-
-# What MuJoCo leaves out.
 
 CLOTH = """<flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" dim="2"
   radius="0.01" mass="1" pos="0 0 1">{}<edge equality="true"/></flexcomp>"""
@@ -225,7 +219,7 @@ def test_sleeping_trees_have_the_same_jacobians_as_awake_ones(drive):
     np.testing.assert_allclose(closed.qpos, data.qpos, atol=1e-9)
 
 
-def test_an_equality_that_is_switched_on_in_its_sleep_is_closed():
+def test_an_equality_activated_in_a_sleeping_tree_is_closed():
     model, data = asleep('joint="a"', open_by=0.2)
     data.eq_active[0] = 1
     with pytest.raises(ClosureError, match=r"open by 0\.2"):

@@ -75,7 +75,7 @@ every_frame = pytest.mark.parametrize("make, frame, root", FRAMES.values(), ids=
 
 
 @every_frame
-def test_a_frame_at_its_target_leaves_it_with_its_twist(make, frame, root):
+def test_the_error_of_a_frame_at_its_target_changes_by_its_twist(make, frame, root):
     model = make()
     data = opened(model, 0.4)
     at, seen = here(model, data, frame), here(model, data, frame, root)
@@ -107,7 +107,7 @@ def test_linear_rows_are_slopes_of_the_displacement_at_any_distance(make, frame,
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_frame_turns_to_its_target_about_one_axis(seed):
-    """Its error is that of `pose_error`, also relative to a root in the axes of the root."""
+    """The error is that of `pose_error`, also relative to a root in the axes of the root."""
     model, data = humanoid(), opened(humanoid(), 0.4, seed)
     hand = data.site("right_hand")
     error = FrameTask("right_hand", target=TURNED).on(model).error(model, data)
@@ -125,7 +125,7 @@ def test_a_frame_turns_to_its_target_about_one_axis(seed):
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-4, 1.0, 3.0, np.pi - 1e-6, np.pi])
-def test_a_pose_difference_poses_rotates_as_in_mujoco(angle):
+def test_a_pose_difference_rotates_as_in_mujoco(angle):
     """Agreement is to round-off; half a turn is about the same of its two axes."""
     for seed in range(60):
         rng = np.random.default_rng(seed)
@@ -158,7 +158,7 @@ def test_rows_are_in_the_requested_order(rows, kind, more):
 
 
 @pytest.mark.parametrize("body", [None, "waist_pitch"])
-def test_a_centre_of_mass_moves_as_its_rows_say(body):
+def test_a_centre_of_mass_moves_by_its_rows(body):
     model, data = humanoid(), opened(humanoid(), 0.4)
     located = CenterOfMassTask(body, rows=[2, 0], target=POINT).on(model)
     check_slopes(model, data, located)
@@ -168,7 +168,7 @@ def test_a_centre_of_mass_moves_as_its_rows_say(body):
 
 @pytest.mark.parametrize("axis", [[1.0, 0.0, 0.0], [0.0, 0.0, -2.0], [0.3, -0.5, 0.7]])
 @pytest.mark.parametrize("make, frame", [(humanoid, "right_hand"), (arms, "left")])
-def test_an_axis_that_looks_at_its_target_loses_it_as_its_rows_say(make, frame, axis):
+def test_an_axis_turns_away_from_its_target_by_its_rows(make, frame, axis):
     model = make()
     data = opened(model, 0.4)
     at = data.site(frame)
@@ -179,7 +179,7 @@ def test_an_axis_that_looks_at_its_target_loses_it_as_its_rows_say(make, frame, 
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_angle_to_a_target_falls_as_the_rows_along_it_say(seed):
+def test_the_angle_to_a_target_decreases_by_its_rows(seed):
     """The slope of the angle is that of the norm of the error, from any direction."""
     model, axis = humanoid(), np.array([0.3, -0.5, 0.7])
     data = opened(model, 0.4, seed)
@@ -198,7 +198,7 @@ def test_the_angle_to_a_target_falls_as_the_rows_along_it_say(seed):
 
 
 @pytest.mark.parametrize("distance, missing", [(1.0, 0.0), (-1.0, np.pi), (0.0, 0.0)])
-def test_straight_ahead_nothing_is_missing_and_behind_half_a_turn(distance, missing):
+def test_the_error_is_zero_straight_ahead_and_half_a_turn_behind(distance, missing):
     model = arms()
     data = shifted(model, mujoco.MjData(model), np.zeros(model.nv))  # exactly
     at = data.site("left")
@@ -259,8 +259,6 @@ def test_a_target_is_a_copy():
     np.testing.assert_array_equal(task.target, POINT)
 
 
-# Frames, centres of mass and relative motion as tasks.
-
 TASKS = [
     "left",
     Body("rod"),
@@ -306,7 +304,6 @@ def test_rows_of_several_tasks_are_stacked_and_indexed_by_task():
 
 
 def test_a_name_is_that_of_a_site_or_else_of_a_body():
-    """Check tasks, pins, poses and axes."""
     of = arms()
     data = mujoco.MjData(of)
     by_name = jacobians(of, data, ["fore1", Relative("right", "fore1")], axes="fore1")

@@ -73,9 +73,6 @@ def test_the_jacobian_is_the_closed_form_away_from_the_nominal_pose(model):
     check_slope(machine.inverse_jacobian(target), displacements, h=1e-3, most=1e-5)
 
 
-# Readers.
-
-
 TASKS = [
     "right_hand",
     CenterOfMass(),

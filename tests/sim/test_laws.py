@@ -46,7 +46,6 @@ def given() -> list[Any]:
 
 
 def test_every_record_with_arrays_is_listed_and_cannot_be_written_to():
-    """New records must be added above."""
     for record in given():
         assert list(writable(sim, type(record).__name__, record)) == []
     frozen = {

@@ -110,7 +110,7 @@ SPRUNG = (
 @pytest.mark.parametrize("margin", [0.0, 0.05])
 @pytest.mark.parametrize("turn_rad", [1e-3, -1e-3])
 def test_a_simulated_finger_moves_as_predicted_with_its_coupler_stuck(turn_rad, margin):
-    """Without the limit, the prediction is that of a free coupler."""
+    """The prediction without the limit is that of a free coupler."""
     finger = model("five_bar", *SPRUNG)
     finger.jnt_margin[finger.joint("left_elbow").id] = margin  # where the limit begins to push back
     data = assemble(finger)
@@ -155,9 +155,6 @@ def test_a_tendon_rests_on_its_limit_with_bodies_moved_from_outside():
     data.mocap_pos[0] = 0.3, 0.0, 2.2
     (sentence,) = jacobians(crane, data, "tool").warnings
     assert sentence.startswith('tendon "rope" rests on its limit and is treated as free')
-
-
-# Contacts and pins.
 
 
 def leg(height: float = 0.0) -> mujoco.MjData:

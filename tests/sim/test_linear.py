@@ -15,7 +15,7 @@ from tests.motions import shifted
 from tests.sim.machines import WORLD, at, closed, linkage, pendulum
 
 
-def test_a_bob_on_a_tie_swings_with_the_frequency_of_its_length():
+def test_a_pendulum_swings_with_the_frequency_of_its_length():
     """omega^2 = g / l: all stiffness is geometric, from the loaded light rod that rotates."""
     model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><site name="base"/>
       <body name="rod"><joint axis="0 1 0"/>
@@ -47,7 +47,6 @@ def test_an_actuator_with_an_internal_state_is_rejected():
 
 
 def test_a_rod_between_two_ball_joints_is_unobservable_about_its_axis_only():
-    """Any other motion has stiffness or moves the task."""
     model = mujoco.MjModel.from_xml_string("""<mujoco><option gravity="0 0 0"/><worldbody>
       <body><joint name="crank" axis="0 1 0" damping="0.1" armature="0.01"/>
         <geom size="0.02" mass="0.1"/>
@@ -65,13 +64,10 @@ def test_a_rod_between_two_ball_joints_is_unobservable_about_its_axis_only():
 
 @pytest.mark.parametrize("length", [0.3, np.nextafter(0.3, 0), np.nextafter(0.3, 1), 0.3 + 1e-12])
 def test_a_cable_that_just_begins_to_pull_has_its_stiffness(length):
-    """Its spring starts to act at its present length, 0.3 m, and acts on half of the joint."""
+    """The cable starts to act at its present length, 0.3 m, and acts on half of the joint."""
     model = pendulum('<motor joint="a"/>', cable='springlength="0 0.3" stiffness="50"')
     stiffness = jacobians(model, at(model, a=2 * length), site="tool").stiffness
     np.testing.assert_allclose(stiffness, [[50.0 / 4]])  # type: ignore[arg-type]
-
-
-# A servo that loses its force, as the linear model of the healthy machine foretells it.
 
 
 def without(linear: LinearPlant, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -99,7 +95,7 @@ def test_a_released_servo_leaves_the_linear_model_without_its_feedback(name):
 
 @pytest.mark.parametrize("k", [0, 1])
 def test_without_a_servo_a_machine_falls_as_in_its_linear_model(k):
-    """From rest under gravity the error is within 1 % of the motion for 30 ms."""
+    """The error is within 1 % of the motion for 30 ms, from rest under gravity."""
     of = model_of("lifted")
     plant = Plant(of, base=None, start=assemble(of))
     linear = plant.linear()
@@ -127,9 +123,6 @@ def test_dry_friction_is_that_of_the_file():
     np.testing.assert_allclose(mass @ friction.push, friction.rows.T, atol=1e-12)
     plant.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
     assert plant.linear().friction is None
-
-
-# What is not linear is named, and nothing else.
 
 
 def pair(
@@ -162,7 +155,6 @@ def pair(
     ],
 )
 def test_each_nonlinear_effect_is_listed_once(parts, start):
-    """Sentences have the name of the element."""
     (sentence,) = beyond_linear(*pair(**parts))
     assert start in sentence.replace("equality ", "")
 
@@ -214,9 +206,6 @@ def test_contacts_outside_the_part_are_not_recorded():
         monitor.plant(0, model, data)
     assert list(everything.sentences) == ['"cup" touched "world"']
     assert not of_task.sentences
-
-
-# Mass matrix and springs of joints.
 
 
 def test_the_mass_matrix_gives_the_kinetic_energy_of_any_velocity():

@@ -58,7 +58,7 @@ def broken(folder: Path, old: str, new: str) -> Path:
 
 
 @pytest.mark.parametrize(("old", "new", "element"), NUMBERS)
-def test_an_absurd_number_is_rejected_with_the_name_of_its_element(tmp_path, old, new, element):
+def test_an_invalid_number_is_rejected_with_the_name_of_its_element(tmp_path, old, new, element):
     """NaN is rejected where MuJoCo treats it as not stated: for a mass it uses the density."""
     file = broken(tmp_path, old, new)
     with pytest.raises(ModelError) as error:
@@ -83,7 +83,7 @@ def test_numbers_that_may_be_infinite_or_small_are_accepted(tmp_path, old, new):
         '<mujoco><worldbody><body><joint name="{a}"/></body></worldbody></mujoco>',
     ],
 )
-def test_a_bad_file_has_the_same_sentence_with_and_without_locks(tmp_path, content):
+def test_an_invalid_file_has_the_same_message_with_and_without_locks(tmp_path, content):
     file, messages = written(tmp_path, content), []
     for add_locks in (False, True):
         with pytest.raises(ModelError) as raised:
@@ -116,9 +116,6 @@ def test_assets_in_folders_next_to_the_file_are_loaded(tmp_path):
     assert (model.nmesh, model.neq) == (1, 3)
 
 
-# Locks.
-
-
 def equalities(model: mujoco.MjModel) -> dict[str, np.ndarray]:
     """Return all data of the equalities; of their numbers, those that are used."""
     names = ("type", "obj1id", "obj2id", "objtype", "active0", "solref", "solimp")
@@ -143,7 +140,7 @@ def test_locks_are_added_as_the_files_of_this_repository_have_them(tmp_path, nam
 
 @pytest.mark.parametrize("braked", ["false", "true"])
 def test_each_joint_and_tendon_with_an_actuator_gets_one_lock(braked):
-    """It is named after its first actuator; an existing lock of any name is kept."""
+    """The lock has the name of the first actuator; an existing lock of any name is kept."""
     brake = f'<equality><joint name="brake" joint1="shoulder" active="{braked}"/></equality>'
     model, locked_parts = (
         model_of("drives", ("<actuator>", f"{brake}<actuator>"), add_locks=True),
@@ -172,9 +169,6 @@ def test_an_actuator_is_located_for_any_number_of_controls_of_others():
         element_id(model, "actuator", "hand")
     with pytest.raises(ModelError, match=r'no equality named "lock1"; it has: none$'):
         element_id(model_of("three_joints"), "equality", "lock1")
-
-
-# MuJoCo's warnings.
 
 
 ODD = {
@@ -208,8 +202,8 @@ def test_a_warning_is_logged_and_not_written_to_a_file(here, caplog):
         ("import experiments.app.cli, sim", None),
     ],
 )
-def test_a_program_sees_warnings_by_its_handler_and_a_command_shows_none(here, first, target):
-    """No program leaves MUJOCO_LOG.TXT in its folder."""
+def test_a_program_gets_warnings_by_its_handler_and_a_command_shows_none(here, first, target):
+    """Programs leave no MUJOCO_LOG.TXT in their folder."""
     done = subprocess.run(
         [sys.executable, "-c", f"{first}; sim.load_model('odd.xml')"],
         env={"PYTHONPATH": str(Path(__file__).parents[2])},
@@ -220,8 +214,6 @@ def test_a_program_sees_warnings_by_its_handler_and_a_command_shows_none(here, f
     for stream in ("stdout", "stderr"):
         assert ("NaN" in getattr(done, stream)) == (stream == target)
 
-
-# URDF: MuJoCo compiles it.
 
 ARM, TOOL = FOLDER / "arm.urdf", Body("tool")
 

@@ -67,9 +67,6 @@ def swung() -> tuple[Plant, list[float]]:
     return plant, sway(plant, 0.8)
 
 
-# Statics and modes of the hexapod.
-
-
 @pytest.mark.parametrize("seconds", some((0.25,), (2.0,)))
 def test_preload_holds_the_payload_at_the_nominal_pose_against_gravity(seconds):
     plant = copy.deepcopy(settled(seconds))
@@ -178,9 +175,6 @@ def test_halving_the_time_step_changes_no_rms_error_by_a_hundredth_percent(model
         assert np.abs(1e6 * run.rms() - whole).min() > 0
 
 
-# Failures of the hexapod in flight.
-
-
 @pytest.mark.parametrize("strut", STRUTS)
 def test_a_strut_locked_in_motion_stays_and_the_loops_stay_closed(strut):
     plant, residuals = copy.deepcopy(swung())
@@ -213,11 +207,8 @@ def test_soft_loops_have_residuals_and_a_machine_without_loops_has_none(model):
     assert plant.closure_residual_m() == 0.0
 
 
-# Divergence and time.
-
-
 def test_each_of_mujocos_warnings_of_a_non_finite_state_ends_the_run(model):
-    """One warning is enough, since the state may stay finite for some time."""
+    """A single warning is enough, since the state may stay finite for some time."""
     for kind in ("BADQPOS", "BADQVEL", "BADQACC"):
         plant = Plant(model)
         plant.data.warning[getattr(mujoco.mjtWarning, f"mjWARN_{kind}")].number = 1
@@ -278,9 +269,6 @@ def test_a_period_in_parts_is_the_same_to_the_last_bit(model):
     np.testing.assert_array_equal(once.data.qpos, often.data.qpos)
 
 
-# Task frame.
-
-
 def with_turned_sites(name: str, seed: int) -> mujoco.MjModel:
     """Load a machine of this repository with base and payload in any orientation."""
     of, rng = load_model(MODELS / f"{name}.xml"), np.random.default_rng(seed)
@@ -309,7 +297,7 @@ ON_ARM = Body("link2")
     ("name", "base"), [("arm", ON_ARM), *itertools.product(SHIPPED, ["base", None])]
 )
 def test_motion_of_the_payload_is_measured_from_its_nominal_pose(name, base):
-    """It is that of the body in present axes of the base, for any orientation of the sites."""
+    """The motion is that of the body in axes of the base, for any orientation of the sites."""
     for seed in range(3):
         plant = Plant(with_turned_sites(name, seed), base=base)
         nominal = plant.data.site("payload").xpos.copy()
@@ -347,9 +335,6 @@ def test_small_motion_and_pushes_are_those_of_the_jacobian(base):
     plant.shake(np.array([1.0, 2.0, 3.0]))
     axes = plant.axes @ [1.0, 2.0, 3.0]
     np.testing.assert_allclose(plant.model.opt.gravity, of.opt.gravity - axes, atol=1e-12)
-
-
-# A failure as text, NAME:KIND@SECONDS.
 
 
 @given(

@@ -53,8 +53,8 @@ def at(model: mujoco.MjModel, qpos: Array) -> mujoco.MjData:
 
 
 @given(trees(), st.integers(0, 99))
-def test_a_part_has_all_that_moves_the_task_with_its_places_and_inertia(file, seed):
-    """Other columns are zero, no closure has both, and M consists of rows of the whole one."""
+def test_a_part_has_all_joints_of_the_task_with_their_inertia(file, seed):
+    """Columns of the rest are zero, no closure has both, and M has rows of the whole one."""
     spec, body = file
     model = spec.compile()
     frame = located(model, "site", Body(f"b{body}"))
@@ -125,14 +125,14 @@ def test_an_arm_whose_actuators_come_after_others_has_its_locks(tmp_path):
 
 
 def test_a_servo_too_weak_for_the_start_sags_with_a_warning(tmp_path):
-    """Its weakest joint comes to rest at the end of the control range."""
+    """The weakest joint comes to rest at the end of the control range."""
     scene = desk(tmp_path, m1='ctrlrange="0 1"')
     assert "shoulder by" in scene.start_warnings[0]
     assert np.abs(moved(plant_of(scene), 0.0, 0.0)).max() < 1e-6
 
 
 def test_a_joint_outside_its_range_in_the_file_starts_inside(tmp_path):
-    """It starts inside by a twentieth of the range, with a warning, and can move both ways."""
+    """The joint starts inside by a twentieth of the range, and can move both ways."""
     scene = desk(tmp_path, elbow='range="17.2 74.5" limited="true"')
     low, high = np.deg2rad([17.2, 74.5])
     begins = low + 0.05 * (high - low)
@@ -168,7 +168,7 @@ def test_diverging_physics_is_rejected_with_advice_that_helps(tmp_path):
 
 
 def test_a_falling_base_is_rejected_with_pins_that_work():
-    """With the advised pins the feet stay, and the machine is at rest."""
+    """The feet stay with the advised pins, and the machine is at rest."""
     file = FOLDER / "walker.xml"
     with pytest.raises(ModelError, match="gravity moves the free joint") as error:
         scene_of(file, "hand")

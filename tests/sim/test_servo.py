@@ -88,7 +88,7 @@ def test_motors_that_share_inertia_come_to_rest_as_servos():
 
 
 def test_the_inertia_of_a_servo_in_a_loop_is_that_of_the_loop():
-    """With one motor on a four-bar the only mode has the stated frequency."""
+    """The only mode of a four-bar with one motor has the stated frequency."""
     stiff = '<joint joint1="elbow" polycoef="0.05 0 0 0 0"/></equality>'
     servos = """<position joint="left" gear="3" kp="400" kv="8"/>
     <position joint="right" kp="3e3" kv="60"/>
@@ -107,7 +107,7 @@ def test_the_inertia_of_a_servo_in_a_loop_is_that_of_the_loop():
 
 
 def test_a_velocity_servo_of_a_scene_becomes_a_position_servo(tmp_path):
-    """Its range was one of speed, and does not limit the force."""
+    """The range of the velocity servo was one of speed, and does not limit the force."""
     servo = '<velocity name="m2" joint="elbow" kv="5" ctrlrange="-1 1"/>'
     position = '<position name="m2" joint="elbow" kp="200" kv="20"/>'
     file = saved(tmp_path, "desk", (position, servo))

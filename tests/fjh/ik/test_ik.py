@@ -80,7 +80,7 @@ def test_strict_levels_are_those_of_the_recursion_of_null_spaces(seed):
 
 
 def test_a_level_of_several_tasks_weighs_them():
-    """One slide cannot reach two positions: the result is the weighted mean."""
+    """The result is the weighted mean, since one slide cannot reach two positions."""
     model = model_of("xy_table")
     to_left = FrameTask("a", rows=[3], target=[-1.0, 0, 0], weight=1.0)
     to_right = FrameTask("b", rows=[3], target=[3.0, 0, 0], weight=2.0)
@@ -127,7 +127,7 @@ def walking() -> tuple[mujoco.MjData, list[FrameTask], FrameTask]:
 
 @pytest.mark.parametrize("locked", [None, "rear_left_hip"])
 def test_a_quadruped_steps_with_its_trunk_as_a_variable(locked):
-    """If a hip is locked the feet have priority, and the trunk misses its target."""
+    """The feet have priority if a hip is locked, and the trunk misses its target."""
     model, (data, feet, trunk) = model_of("quadruped"), walking()
     ik = Ik(model, [feet[1:], feet[0], trunk, PostureTask(target=data.qpos)], active=["root"])
     data = moved(ik if locked is None else ik.with_failures(locked=[locked]), data, 60)
@@ -297,7 +297,7 @@ def test_a_task_is_evaluated_at_the_present_pose(kind):
     ],
 )
 def test_attributes_of_a_task_are_fixed_once_an_ik_uses_it(task, name, value):
-    """Before, attributes can be set and are checked; the gain can be set at any time."""
+    """Attributes set before are checked; the gain can be set at any time."""
     with pytest.raises((TypeError, ValueError), match=name):
         setattr(task, name, object())
     setattr(task, name, value)

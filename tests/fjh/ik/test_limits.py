@@ -48,7 +48,7 @@ def test_limits_hold_while_the_tool_follows_unreachable_targets(seed):
         ({"both": 0.5}, (0.25, 0.25)),
     ],
 )
-def test_limits_by_name_of_actuators_and_tendons(limits, expected):
+def test_limits_may_be_given_by_name_of_actuators_and_tendons(limits, expected):
     model, task = model_of("xy_table"), FrameTask("top", rows=[3, 4], target=[1.0, 1.0, 0.0])
     ik = Ik(model, [task], Limits(ranges=False, velocity=limits))
     np.testing.assert_allclose(ik.step(mujoco.MjData(model), 1.0), expected)

@@ -27,9 +27,6 @@ def browser() -> Iterator[Browser]:
         yield one
 
 
-# The command.
-
-
 def wait_for(holds: Callable[[], bool]) -> None:
     end = time.monotonic() + 60.0
     while not holds():
@@ -69,9 +66,6 @@ def test_interruption_before_the_page_is_served_is_one_sentence(tmp_path):
     process.send_signal(signal.SIGINT)
     ended(process, signal.SIGINT)
     assert not (tmp_path / "out").exists()
-
-
-# The page.
 
 
 @pytest.fixture(scope="module")

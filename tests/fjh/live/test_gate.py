@@ -1,4 +1,4 @@
-"""Only the served page can use its buttons, and invalid messages have no effect."""
+"""Tests that only the served page can use its buttons, and invalid messages have no effect."""
 
 import socket
 import time
@@ -66,7 +66,7 @@ def updated(uuid: str, **updates: Any) -> dict[str, Any]:
 
 
 def test_invalid_values_are_rejected_and_values_beyond_a_range_clamped(page, capfd):
-    """Every kind of element gets every kind of invalid value, then a valid click."""
+    """Elements of all kinds get invalid values of all kinds, then a valid click."""
     handles = page._server.gui._gui_input_handle_from_uuid
     group, weight, times = (
         next(uuid for uuid, h in handles.items() if getattr(h, "label", "") == label)

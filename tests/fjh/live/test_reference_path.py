@@ -65,7 +65,7 @@ def test_a_change_of_path_has_no_jump(name, path, former):
     )
 
 
-def test_a_change_to_steps_goes_to_rest_first():
+def test_the_path_rests_before_a_change_to_steps():
     """Steps are jumps by definition; before the first one the fade is smooth."""
     one, was = rig("hexapod"), path_of("hexapod", "circle")
     now = reference_path(one, "steps", was, 2500)

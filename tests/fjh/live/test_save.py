@@ -15,7 +15,7 @@ from tests.fjh.rigs import rig
 
 @pytest.mark.long
 def test_last_minute_is_read_back_from_the_next_recording(tmp_path):
-    """One strut locks and is repaired, another one is weak, and there is a bump."""
+    """The run has a locked and repaired strut, a weak one, and a bump."""
     session, file = Session(rig("hexapod"), seed=4), tmp_path / "live_2.rrd"
     (tmp_path / "live_1.rrd").touch()  # of another day
     session.advance(19)

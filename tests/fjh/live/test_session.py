@@ -148,9 +148,6 @@ def test_ended_run_simulates_no_more_ticks(monkeypatch):
     assert session.advance(10) == 10
 
 
-# What takes seconds of flight.
-
-
 def until(session: Session, holds: Callable[[str], bool], within_s: float) -> float:
     """Simulate until the diagnosis satisfies a condition; return the time [s]."""
     start = session.tick

@@ -31,7 +31,7 @@ def test_tool_is_drawn_at_its_position():
 
 
 def test_hexapod_is_drawn_in_its_pointing_direction():
-    """Other rows have no effect: they rotate the hexapod about its pointing axis."""
+    """Rows beyond pointing rotate the hexapod about its pointing axis, without effect."""
     (live, _, turned), (_, _, start) = (simulated(rig("hexapod"), ticks) for ticks in (40, 1))
     pointer = Pointer(rig("hexapod"), *live.frame)
     at_rest, position = pointer.at(np.array([[0.0, 0.0], live.motion(slice(39, 40))[2][0]]), 1.0)

@@ -139,8 +139,6 @@ print([name for name, value in matplotlib.rcParams.items() if value != before[na
     assert done.stdout == "[]\n"
 
 
-# Results as properties of the recording.
-
 LOCK = Change("strut2", "locked", 0.1)
 
 
@@ -179,9 +177,6 @@ def test_properties_come_back_from_the_recording(made):
     assert (entries["seed"], entries["study"], entries["checks"]) == (0, "made", "passed")
     assert entries["failures"] == "strut1 locked, known at 0 s"
     assert entries["rms_after_alpha_rad"] == made_run().rms()[0]
-
-
-# What the studies leave.
 
 
 @pytest.mark.long

@@ -49,8 +49,8 @@ def viewer():
         ("goals", "stroke", ""),
     ],
 )
-def test_every_view_of_a_recording_shows_something_at_once(viewer, request, study, name, expected):
-    """Each recording opens with its layout and without warnings."""
+def test_every_view_of_a_recording_has_content(viewer, request, study, name, expected):
+    """Recordings open with their layout and without warnings."""
     show(viewer, request.getfixturevalue(f"{study}_folder") / f"{name}.rrd", None)
     photograph(viewer)  # until it has come to rest, the views may be another recording's
     views = viewer.get_state().views
@@ -77,9 +77,6 @@ def test_render_makes_a_picture_of_the_requested_size_and_time(refused, made, tm
     assert main(["render", path, "--time", "0.3", "--size", "800x600", "--out", str(out)]) == 0
     image = pixels(out.read_bytes())
     assert image.shape == (600, 800, 3) and content(image) > 0.01
-
-
-# A viewer that dies or gives no answer. It is a stand-in, so no driver is needed.
 
 
 @pytest.mark.parametrize(

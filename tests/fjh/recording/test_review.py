@@ -54,9 +54,6 @@ def test_data_without_a_recording_can_be_reviewed(made, tmp_path):
     assert "| bare |" in rrd.notes(out)
 
 
-# JSON beside a run.
-
-
 @pytest.mark.parametrize("alpha", [0.0, 1e300, -1.0, float("nan"), None, "1", [1.0]])
 def test_json_that_contradicts_the_data_is_rejected(alpha):
     content = {"made.json": {"runs": [{"data": "made.npz", "alpha_rms_urad": alpha}]}}
@@ -74,6 +71,3 @@ def test_review_compares_json_with_the_data(capfd, made, tmp_path, place):
         assert main(["review", str(folder / place), "--out", str(out)]) == code
         assert ("made.json states alpha_rms_urad" in capfd.readouterr().err) == bool(code)
         assert out.exists() != bool(code)
-
-
-# What the studies leave.

@@ -116,7 +116,7 @@ def test_incremental_displacements_drift_by_the_area_that_is_encircled(name):
 
 
 def test_all_forms_are_equal_with_a_constant_jacobian():
-    """Without relinearization one step is exact up to the square of the tilt."""
+    """A single step without relinearization is exact up to the square of the tilt."""
     goal, pointing = GOALS["W_e"], np.array([3e-5, -2e-5])
     absolute = StrutMapping(machine(), goal, "constant")
     gauss_newton = StrutMapping(machine(), goal, "constant", form="gauss_newton")
@@ -156,9 +156,6 @@ def test_a_scaled_machine_differs_only_in_strokes_and_coils():
     plant.step(0.01 * np.eye(6)[0], 1.0)
     assert plant.displacements()[0] == pytest.approx(0.01, rel=0.01)
     assert model.jnt_range[model.actuator_trnid[0, 0], 1] < 1e-3  # the original is unchanged
-
-
-# The study.
 
 
 @pytest.mark.parametrize(

@@ -40,11 +40,9 @@ class Blind:
     tick: int = 0
 
     def start(self) -> "Blind":
-        """Return the initial state, without input."""
         return self
 
     def step(self, state: "Blind", *_: Any) -> "Blind":
-        """Return the next state, which does not depend on measurements."""
         phase = 2 * np.pi * self.hz * 1e-3 * state.tick + np.arange(len(self.inputs))
         return replace(state, inputs=self.peak * np.cos(phase), tick=state.tick + 1)
 

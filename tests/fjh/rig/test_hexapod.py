@@ -207,7 +207,7 @@ def machine() -> Hexapod:
     st.sampled_from([(0.0, 0.03), (0.05, 2e-3)]),
     st.sampled_from([(), (1,), (5,), (2, 3), (0,)]),
 )
-def test_the_pose_gives_back_the_lengths_it_was_found_from(seed, spreads_m, shape):
+def test_the_pose_has_the_lengths_that_it_was_computed_from(seed, spreads_m, shape):
     """Lengths 7 % away, fifty times the paper's stroke, or other nodes."""
     rng, (moved_m, range_m) = np.random.default_rng(seed), spreads_m
     bottom_m, top_m = rng.uniform(-moved_m, moved_m, (2, 6, 3))
@@ -221,7 +221,7 @@ def test_the_pose_gives_back_the_lengths_it_was_found_from(seed, spreads_m, shap
 
 
 @given(SEEDS)
-def test_the_lengths_of_a_pose_give_back_the_pose(seed):
+def test_a_pose_is_recovered_from_its_lengths(seed):
     """A set of lengths has one pose in the range of the assembled machine."""
     twist = np.random.default_rng(seed).uniform(-1, 1, (4, 6)) * np.repeat([0.05, 0.02], 3)
     there = NOMINAL.moved(twist)

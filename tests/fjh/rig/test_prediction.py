@@ -84,7 +84,7 @@ def test_errors_with_dry_friction_are_as_predicted_before_and_after_a_lock():
 
 
 @pytest.mark.long
-def test_informing_late_is_predicted_between_onset_and_never():
+def test_late_information_is_predicted_between_onset_and_never():
     """Informed at onset and never are the limits, exactly; with a dither as well."""
     one, path = rig("platform"), path_of("platform", 1.2)
     failures = [Failure(1, "locked", FAILED_S), Failure(2, "weak", 0.3)]
@@ -123,7 +123,7 @@ def test_two_failures_of_one_tick_both_change_the_plant_in_either_order():
     assert np.abs(forward - single).max() > 0.01 * np.abs(single).max()
 
 
-def test_a_loose_strut_leaves_its_range_and_nothing_is_predicted():
+def test_nothing_is_predicted_after_a_loose_strut_leaves_its_range():
     one, path = rig("hexapod"), path_of("hexapod", 0.6)
     failures = [Failure("strut1", "loose", 0.1)]
     run = one.fly(one.controller(), path, failures=failures)

@@ -48,7 +48,7 @@ def test_rows_are_called_by_name_or_by_number(major, rows):
 
 @pytest.mark.long
 def test_both_rigs_of_the_hexapod_treat_a_free_strut_equally():
-    """Both rigs count the strut as locked by its spring, and the task as possible."""
+    """The strut counts as locked by its spring, and the task as possible, in both rigs."""
     failures = [Failure("strut1", "free", 1.2)]  # the diagnosis learns until 0.8 s
     for name in ("hexapod", "fjh"):
         one = rig(name)

@@ -16,8 +16,7 @@ from sim.mjcf import drives
 from tests.fjh.rigs import rig, rig_of
 
 ONSET, TICKS = 900, 1150
-"""Onset of the failure, after the diagnosis has learned the plant for 800 ticks, and length of a
-run."""
+"""Ticks of the onset, after 800 for the diagnosis to learn the plant, and of a whole run."""
 UNKNOWN = np.full(2, np.nan)
 
 Change = Callable[[int, Any, Any], Any]
@@ -30,7 +29,6 @@ class Sensors:
         self.change, self.last = change, None
 
     def measured(self, tick: int, reading: Any) -> Any:
-        """Return the changed reading, as an `events` hook of a rig."""
         changed = reading if tick < ONSET else self.change(tick - ONSET, reading, self.last)
         self.last = reading if changed is None else changed
         return changed
@@ -178,7 +176,6 @@ class Strength:
         self.now = 1.0
 
     def plant(self, tick: int, model: Any, data: mujoco.MjData) -> None:
-        """Change the plant's model at these times."""
         part = self.parts.get(tick, self.now)
         for parameters in (model.actuator_gainprm, model.actuator_biasprm):
             parameters[self.ids, :3] *= part / self.now

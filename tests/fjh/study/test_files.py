@@ -47,7 +47,7 @@ def test_a_run_replaces_what_the_same_command_wrote_and_nothing_else(tmp_path):
 @pytest.mark.parametrize(
     "old", ["no JSON", "[]", '{"files": [3, null]}', '{"files": ["../mine.txt", "below", "", "."]}']
 )
-def test_an_index_that_we_did_not_write_removes_nothing(tmp_path, old):
+def test_an_index_of_another_program_removes_nothing(tmp_path, old):
     folder = tmp_path / "out"
     (folder / "below").mkdir(parents=True)
     (tmp_path / "mine.txt").write_text("mine")
@@ -85,9 +85,6 @@ def test_files_that_cannot_all_be_written_leave_the_old_ones_whole(tmp_path):
     assert (tmp_path / "index.json").read_text() == "old"
 
 
-# A full disk.
-
-
 @contextmanager
 def full_disk():
     """Limit all files to `BYTES`; not a fixture, since pytest's output may go to a file."""
@@ -117,7 +114,7 @@ WRITERS = {
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_no_kind_of_file_is_published_cut_off(tmp_path, name):
+def test_no_truncated_file_is_published(tmp_path, name):
     (tmp_path / "a.json").write_text("old")
     with (
         pytest.raises(OutputError, match=f"^{tmp_path} could not be written: [^\n]+$"),
@@ -166,7 +163,7 @@ def test_the_code_hash_changes_with_a_source_and_not_with_the_report(tmp_path, m
     assert len(hashes) == 8
 
 
-def test_a_commit_is_named_only_in_the_projects_own_checkout(tmp_path, monkeypatch):
+def test_a_commit_is_stated_only_in_the_projects_own_checkout(tmp_path, monkeypatch):
     assert re.match(r"[0-9a-f]{40}(, with uncommitted changes)?$|not a git", provenance.commit())
     monkeypatch.setattr(provenance, "HERE", tmp_path)
     assert provenance.commit() == "not a git checkout"
