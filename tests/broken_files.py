@@ -1,4 +1,4 @@
-"""Corpus of unusable files for the tests of all readers.
+"""Unusable files for the tests of all readers.
 
 Each entry writes a file to a path, where a valid file may exist.
 """

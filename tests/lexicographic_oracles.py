@@ -23,7 +23,7 @@ Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 RANK = 1e-11
 FEASIBLE = 1e-11
-"""Violation of a limit or an equation, relative to 1 + |x|, up to which a candidate is feasible."""
+"""Tolerance of limits and equations, relative to 1 + |x|, of a feasible candidate."""
 
 
 def _norm(A: np.ndarray) -> float:
@@ -125,9 +125,8 @@ def sizes(A: np.ndarray) -> np.ndarray:
 def enumerated(levels: Levels, lower: np.ndarray, upper: np.ndarray) -> Known:
     """Solve B problems, levels (B, k, n) and (B, k), bounds (B, n), by enumerating active sets.
 
-    An active set leaves a least-squares problem in the free unknowns, with the levels before as
-    equations E x = e, each level's rows over their size. The best that keeps the bounds is the
-    level's optimum: it is among them, since the least-norm optimum solves the case of its own set.
+    Each active set leaves a least-squares problem in the free unknowns, with the earlier levels as
+    equations E x = e. The optimum is the best solution within the bounds, as its own set is one.
     """
     count, n = lower.shape
     cases = np.array(list(itertools.product((-1, 0, 1), repeat=n)))
@@ -174,8 +173,8 @@ def by_active_sets(
 ) -> np.ndarray:
     """Solve one problem, x (n,), by :func:`enumerated`; for n plus the number of rows up to 6.
 
-    Rows are a first level G x = s of more unknowns s; x is the least before s is. NaN where
-    round-off leaves no case within the bounds.
+    Rows are a first level G x = s of additional unknowns s, minimized in norm after x. The result
+    is NaN if round-off leaves no solution within the bounds.
     """
     n = len(lower)
     if rows is not None:
@@ -195,13 +194,12 @@ def by_interior_point(
 ) -> np.ndarray:
     """Solve one problem, x (n,), by a quadratic program per level: Clarabel, at 1e-12.
 
-    The solver's point only is near an optimum, and says in which order limits are likely to bind:
-    by the ratio of slack and multiplier. With the first 0, 1, 2, ... of them as equations a level
-    is a least-squares problem; of its solutions nearest to that point, the one is taken that best
-    meets the conditions of an optimum (:func:`_kkt`). A limit with a multiplier holds in every
-    optimum: it becomes an equation of the later levels, so that their programs keep an interior.
+    The ratio of slack and multiplier at the solver's approximate point orders the limits. With the
+    first 0, 1, 2, ... of them as equations, a level is a least-squares problem; the result is the
+    solution that satisfies the conditions of an optimum best (:func:`_kkt`). A limit with a
+    multiplier is active in every optimum, hence an equation of the later levels.
 
-    A RuntimeError says that Clarabel ends without a solution.
+    Raises RuntimeError if Clarabel finds no solution.
     """
     G, top = _sides(*_constraints(lower, upper, rows))
     former, x = _Former(len(lower)), np.zeros(len(lower))
@@ -267,20 +265,20 @@ def _kkt(
 ) -> tuple[float, np.ndarray]:
     """Return the KKT residual of minimizing |A x - b| with E x = e and G x <= top, and multipliers.
 
-    The largest of how far it is beyond a limit, of the part of the gradient that no multiplier
-    balances, and of a multiplier times its distance from the limit.
+    It is the largest of the violation of limits, the gradient that multipliers do not balance, and
+    each multiplier times its slack.
     """
     unit, norm = 1 + _norm(x), _norm(A)
     size = norm * (norm * unit + _norm(b)) or 1.0
-    room = top - G @ x
-    reached = room <= 1e-8 * unit
+    distance = top - G @ x
+    reached = distance <= 1e-8 * unit
     _, Z = _solution(former.E, former.e, scale=1.0)
     descent = -Z.T @ (A.T @ (A @ x - b)) / size
     multipliers, others = np.zeros(len(top)), float(_norm(descent))
     if reached.any() and len(descent):
         multipliers[reached], others = nnls(Z.T @ G[reached].T, descent)
-    off = max(-room.min(initial=0.0), np.abs(former.E @ x - former.e).max(initial=0.0))
-    balance = np.abs(multipliers * room).max(initial=0.0)
+    off = max(-distance.min(initial=0.0), np.abs(former.E @ x - former.e).max(initial=0.0))
+    balance = np.abs(multipliers * distance).max(initial=0.0)
     return max(float(off / unit), float(others), float(balance / unit)), multipliers
 
 
@@ -293,11 +291,9 @@ def certificate(
 ) -> float:
     """Return the largest KKT residual of x (n,), level by level, then of |x|.
 
-    Level k is a convex problem with the earlier levels' A_j x as equations, so that these
-    conditions prove its optimum: its gradient A^T (A x - b) is a combination of the rows A_j and,
-    with multipliers of one sign each, of the limits that x reaches to within 1e-8 of 1 + |x|.
-    An x that errs by d along a singular value s of A shows as s^2 d only: small residuals prove
-    the levels' values, not the digits of x.
+    Level k is convex with the earlier A_j x as equations: its gradient A^T (A x - b) combines rows
+    A_j and, with multipliers of one sign, limits within 1e-8 of 1 + |x|. An error d along a
+    singular value s adds s^2 d: small residuals prove values of levels, not the digits of x.
     """
     G, top = _sides(*_constraints(lower, upper, rows))
     former, worst = _Former(len(x)), 0.0

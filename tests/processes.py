@@ -1,4 +1,4 @@
-"""Commands in processes of their own, which signals reach as at a terminal."""
+"""Commands in separate processes, which receive signals as in a terminal."""
 
 import os
 import signal
@@ -15,13 +15,13 @@ INTERRUPTED = "fjh: interrupted: no file was left half-written\n"
 
 
 def _heard() -> None:
-    """What `nohup` and a shell in the background have ignored, a child would ignore as well."""
+    """Reset signals, since a child ignores those that `nohup` or a background shell ignored."""
     for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(each, signal.SIG_DFL)
 
 
 def started(*command: str) -> subprocess.Popen[str]:
-    """An interpreter of Python with these words."""
+    """Start the Python interpreter with these arguments."""
     return subprocess.Popen(
         [sys.executable, *command],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
@@ -34,7 +34,7 @@ def started(*command: str) -> subprocess.Popen[str]:
 
 
 def ended(process: subprocess.Popen[str], number: signal.Signals | int) -> None:
-    """It ends by the signal that it was sent, with one sentence, and leaves no process."""
+    """Check that a signal ends a process with one sentence, and that no process is left."""
     _, error = process.communicate(timeout=60)
     assert (process.returncode, error) == (CODES[signal.Signals(number)], INTERRUPTED)
     with pytest.raises(ProcessLookupError):

@@ -36,12 +36,12 @@ def study(request) -> Results:
 def smaller(made_once):
     """Function that makes a study smaller than its --quick, by other values in its modules."""
 
-    def made(name: str, values: dict[str, Any], *words: str) -> Path:
+    def made(name: str, values: dict[str, Any], *arguments: str) -> Path:
         def make(folder: Path) -> int:
             with pytest.MonkeyPatch.context() as patch:
                 for place, value in values.items():
                     patch.setattr(f"experiments.{place}", value)
-                return fjh(name, "--quick", *words)(folder)
+                return fjh(name, "--quick", *arguments)(folder)
 
         return made_once(f"smaller_{name}", make)
 

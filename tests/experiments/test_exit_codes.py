@@ -15,13 +15,13 @@ from tests.made import made_study
 def measure(tmp_path, monkeypatch):
     """Function from a computation to the arguments of a study's command, which writes nothing."""
 
-    def words_of(perform: Callable[..., Any]) -> list[str]:
+    def arguments_of(perform: Callable[..., Any]) -> list[str]:
         study = made_study("measure", lambda **_: perform())
         monkeypatch.setattr(cli, "PAPER", {"measure": ""})
         monkeypatch.setattr(cli, "study", lambda _: study)
         return ["measure", "--out", str(tmp_path / "out")]
 
-    yield words_of
+    yield arguments_of
     assert list(tmp_path.iterdir()) == []
 
 

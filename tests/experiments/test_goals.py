@@ -46,8 +46,8 @@ def test_a_step_of_the_coils_solves_their_heat_balance(seed):
     np.testing.assert_allclose(physics.COILS.step(start, current, 3.0), exact, rtol=1e-7)
     # At rest T = T_a + R_a I^2 / (1/R_th - kappa R_20 I^2): the closed form of the balance.
     lost = 1 / physics.COILS.thermal_resistance_k_per_w - COPPER_PER_K * 5.0 * current**2
-    rest = physics.COILS.step(physics.COILS.cold(), current, 1e4)
-    np.testing.assert_allclose(rest, 20 + 5.0 * current**2 / lost, rtol=1e-12)
+    steady = physics.COILS.step(physics.COILS.cold(), current, 1e4)
+    np.testing.assert_allclose(steady, 20 + 5.0 * current**2 / lost, rtol=1e-12)
 
 
 def test_at_its_critical_current_a_copper_coil_heats_at_a_constant_rate():

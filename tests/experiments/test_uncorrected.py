@@ -49,8 +49,8 @@ def test_a_steady_acceleration_of_the_floor_is_a_sag(model):
     np.testing.assert_allclose(plant.displacement(), sag, rtol=2e-3, atol=2e-9)
 
     pushed = Plant(model)
-    carried_kg = model.body_mass[model.body("payload").id] + 6 * 0.05
-    pushed.push(np.array([0, 0, 0, *(-carried_kg * acceleration)]))
+    mass_kg = model.body_mass[model.body("payload").id] + 6 * 0.05
+    pushed.push(np.array([0, 0, 0, *(-mass_kg * acceleration)]))
     pushed.settle(1.0)
     by_push = pushed.displacement()[3:]
     assert np.linalg.norm(sag[3:]) > np.linalg.norm(by_push)

@@ -42,12 +42,8 @@ PARTS = public(
 RIGS = public(
     Rig,
     trusted=(
-        *(
-            "Rig",
-            "Rig.bench",
-            "Rig.feedforward_demands",
-            "Rig.reached",
-        ),  # arguments are checked before
+        # Called with checked arguments.
+        *("Rig", "Rig.bench", "Rig.feedforward_demands", "Rig.reached"),
         *("Rig.hexapod", "Rig.of_mjcf"),  # slow: `tests/fjh/rig/test_errors.py`
     ),
 )

@@ -33,8 +33,8 @@ def caused(record: Record, cause: Cause, onset: int, uncertainty) -> list[np.nda
     own = np.eye(nominal.actuators)[cause.actuator]
     resting = np.linalg.solve(-nominal.plant.A, nominal.plant.B @ own)
     own = own * uncertainty.command / np.linalg.norm(nominal.plant.C @ resting / nominal.noise)
-    growth = since[:, None] * ticks * nominal.period_s
-    return [outputs(nominal, ticks, u + each * own) - plain for each in (on, on * growth)]
+    drift = since[:, None] * ticks * nominal.period_s
+    return [outputs(nominal, ticks, u + each * own) - plain for each in (on, on * drift)]
 
 
 def sensitivities(record: Record, fault: Fault | Cause | None, onset: int) -> np.ndarray:
@@ -96,10 +96,7 @@ def regression(record: Record, fault: Fault | Cause | None, onset: int, prior, w
 
 
 def written_out(record: Record, fault: Fault | Cause | None, onset: int, prior, whitening):
-    """Return energy, log root determinant and parameters of one hypothesis, written out in full.
-
-    If the best onset or lost fraction is outside its cell, the result is the best one within.
-    """
+    """Return energy, log root determinant and parameters of a hypothesis, and where it is cut."""
     H, P, e = regression(record, fault, onset, prior, whitening)
     S = np.eye(len(e)) + H @ P @ H.T
     low, high = np.full(len(P), -np.inf), np.full(len(P), np.inf)
@@ -112,9 +109,9 @@ def written_out(record: Record, fault: Fault | Cause | None, onset: int, prior, 
     energy = e @ np.linalg.solve(S, e)
     beyond = int(((best < low) | (best > high)).sum())
     if beyond:
-        stacked = np.vstack([H, np.linalg.inv(np.linalg.cholesky(P))])
+        whitened_rows = np.vstack([H, np.linalg.inv(np.linalg.cholesky(P))])
         aim = np.append(e, np.zeros(len(P)))
-        within = scipy.optimize.lsq_linear(stacked, aim, (low, high), tol=1e-12)
+        within = scipy.optimize.lsq_linear(whitened_rows, aim, (low, high), tol=1e-12)
         energy, best = 2 * within.cost, within.x
     return energy, np.linalg.slogdet(S)[1] / 2, best, beyond
 

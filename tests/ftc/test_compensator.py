@@ -95,10 +95,7 @@ def test_a_slow_loop_has_the_margins_of_a_fast_one():
 
 
 def plant(seed: int, driven: int, hidden: int) -> control.StateSpace:
-    """Return a plant of stable minimal modes and uncontrollable or unobservable integrators.
-
-    The states are mixed by a random transformation of moderate condition.
-    """
+    """Return a plant of stable minimal and unobservable or uncontrollable modes, states mixed."""
     rng = np.random.default_rng(seed)
     n = driven + 2 * hidden
     A = np.zeros((n, n))

@@ -193,8 +193,8 @@ def test_onsets_go_back_as_far_as_stated():
     assert back[0] == 0 and back[-1] <= 100 < 1.25 * back[-1] + 1
     np.testing.assert_array_equal(np.diff(back), np.maximum(1, np.round(0.25 * back[:-1])))
     first = next(each for each in state.history if each.number == evidence.onsets[0])
-    growth = evidence.prior.covariance - first.before.parameters.covariance
-    np.testing.assert_allclose(growth, np.eye(3), atol=1e-9)
+    increase = evidence.prior.covariance - first.before.parameters.covariance
+    np.testing.assert_allclose(increase, np.eye(3), atol=1e-9)
 
 
 @pytest.mark.parametrize(("shock", "is_learned"), [(78, True), (81, False)])
@@ -374,9 +374,8 @@ DISTURBANCES = {
 }
 """Smallest and largest size, a force in displacements of commands or a signal in units of noise.
 
-The third number is that of the fifty runs that may isolate an actuator: two forces of 21 mm as a
-weakness of 0.7 or 0.5, for 1 s, never confirmed; one jump of a sensor; and forces of 2.0 to 2.5 mm
-at the frequency of the dither, which resemble an actuator that does not follow it.
+The third number is that of the fifty runs that may isolate an actuator: forces of 21 mm as an
+unconfirmed weakness for 1 s, one jump of a sensor, and forces at the frequency of the dither.
 """
 NIGHT = [pytest.mark.long, pytest.mark.night]
 

@@ -135,7 +135,7 @@ def test_relearning_follows_the_new_residuals():
 
 
 def strongest(remaining: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """The most that cart 0, believed weak by half, may have of its force, while it has `left`."""
+    """Return the largest likely force of cart 0, assumed weak by half, with this real force."""
     weak = Fault(0, "weak", 0.5)
     kalman = cart_observer(replace(CERTAIN, gain=0.02), weak, weak=(weak,))
     y = outputs(carts(1), 2, u * np.column_stack([remaining, np.ones(len(u))]))

@@ -55,12 +55,11 @@ def kernel(
     combined: bool = False,
     damping: Sequence[float] | None = None,
     most: int = 1000,
-    room: float = 0.0,
+    fill: float = 0.0,
 ) -> KernelOutput:
     """Solve a batch: cold, or warm from (x, state).
 
-    |x| is made least at last, before it |weight (x - wanted)| if given; `room` is what the kernel
-    finds in the room for its work.
+    |x| is minimized last, before it |weight (x - wanted)| if given; `fill` fills the workspace.
     """
     count, n = len(batch.levels[0][0]) if batch.levels else len(batch.lower), batch.lower.shape[1]
     A = np.concatenate([np.zeros((count, 0, n)), *(A for A, _ in batch.levels)], axis=1)
@@ -78,7 +77,7 @@ def kernel(
     shape = count, n, len(batch.levels), count, len(batch.lower), most, start is not None, combined
     fields = (*shape, RANK, pointer(ends), damped, weighed)
     problem = ffi.new("lexicographic_problem *", fields)
-    work = np.full(lib.lexicographic_room(problem), room)
+    work = np.full(lib.lexicographic_room(problem), fill)
     report = np.zeros((count, 4))
     made = goal, work, x, state, report
     ranks = np.append(np.zeros(scales.size, np.int32), np.int32(-9))
@@ -86,10 +85,12 @@ def kernel(
     assert ranks[-1] == -9, "more ranks than levels"
     for each, copy in zip(given, before, strict=True):
         assert each.tobytes() == copy.tobytes(), "an input was written"
-    assert ((batch.lower <= x) & (x <= batch.upper)).all(), "a bound is not kept"
+    assert ((batch.lower <= x) & (x <= batch.upper)).all(), "a bound is violated"
     for side, bound in ((-1, batch.lower), (1, batch.upper)):
         at = state == side
-        assert (x[at] == np.broadcast_to(bound, x.shape)[at]).all(), "an active bound is not met"
+        assert (x[at] == np.broadcast_to(bound, x.shape)[at]).all(), (
+            "x differs from an active bound"
+        )
     steps, ended = report[:, 0].astype(int), report[:, 1] > 0
     gap = report[:, 2:].min(axis=1)
     return KernelOutput(x, state, steps, ended, gap, ranks[:-1].reshape(scales.shape))
@@ -249,10 +250,7 @@ def test_a_warm_start_leaves_a_suboptimal_vertex():
 
 
 def test_no_bound_is_active_due_to_a_zero_direction():
-    """Check a level with target beyond the bound of x_1 and round-off in x_3, which must be free.
-
-    What counts as zero, 7e-12 of the size, turns what the level leaves by 1e-9: towards x_1.
-    """
+    """Check a level with target beyond the bound of x_1; x_3 has round-off and must be free."""
     A = [[0.0, 1.0, 0.0], [5e-3, 0.0, 5e-12], [0.0, 0.0, 7e-12]]
     batch = one([(A, [1.0, -1.0, 0.0])], [0.0, -INF, -3.0], [3.0, INF, 3.0])
     for third in (-3.0, 0.5, 3.0):
@@ -374,7 +372,7 @@ def test_x_does_not_depend_on_the_initial_workspace(sample):
     for weight in ([1.0, 2.0, 3.0, 4.0], [1.0, 1.0, 0.0, 0.0]):
         kinds.append({"weight": np.array(weight)})
     for others in kinds:
-        assert_same(kernel(batch, room=np.nan, **others), kernel(batch, room=1e300, **others))
+        assert_same(kernel(batch, fill=np.nan, **others), kernel(batch, fill=1e300, **others))
 
 
 def test_too_few_steps_leave_x_within_bounds_with_status_unfinished(sample):

@@ -200,11 +200,7 @@ def sprung(hexapod, model) -> ConstrainedSystem:
 
 
 def test_the_hexapod_can_point_in_54_of_729_conditions(hexapod):
-    """Check the 64 sets of locks: with any free strut the payload is not controlled.
-
-    Of these 10 leave fewer than two independent pointing directions: 1 with no strut left, 6 with
-    one, and 3 with two struts that push the same way, an antipodal pair.
-    """
+    """Check the 64 sets of locks, of which 10 leave too few struts or an antipodal pair."""
     atlas = failure_atlas(hexapod, [0, 1])
     assert atlas.codes.shape == (729, 6)
     assert atlas.possible.sum() == 54
@@ -225,10 +221,7 @@ def test_the_hexapod_can_point_in_54_of_729_conditions(hexapod):
 
 
 def test_springs_on_the_struts_act_as_locks_on_free_struts(sprung):
-    """Check that pointing requires exactly two healthy struts that are not antipodal.
-
-    Of 729 conditions 64 have no healthy strut, 6 x 32 have one, 3 x 16 just an antipodal pair.
-    """
+    """Check that 64 + 6 x 32 + 3 x 16 conditions lack two healthy struts that are not antipodal."""
     elastic = failure_atlas(sprung, [0, 1]).elastic
     assert elastic is not None
     assert elastic.possible.sum() == 729 - 64 - 192 - 48
@@ -237,11 +230,7 @@ def test_springs_on_the_struts_act_as_locks_on_free_struts(sprung):
 
 
 def test_the_hexapod_points_three_quarters_as_far_with_a_strut_locked(sprung):
-    """Check as well half as far with two: struts rotate the payload about three axes at 60 degrees.
-
-    The worst direction is across one of these axes: the other four struts share it equally, of
-    which one or two are lost.
-    """
+    """Check half as far with two; four struts share the worst direction equally."""
     atlas = failure_atlas(sprung, [0, 1], rate_limits=STRUTS_M, torque_limits=COILS_N)
     assert atlas.elastic is not None and atlas.elastic.worst_speed is not None
     speed, force = atlas.worst_speed, atlas.worst_force

@@ -16,16 +16,13 @@ from tests.random_systems import failures, pairs, rows_of, systems
 
 
 def largest(d, equalities, x_of, limits) -> float:
-    """Return the largest d @ x with equalities @ x = 0 and limits on x_of @ x, by linprog.
-
-    Infinite if it has no bound, minus infinity if there is no such x.
-    """
+    """Return the largest d @ x with equalities @ x = 0 and limits on x_of @ x, or an infinity."""
     lower, upper = limits
     rows = np.vstack([x_of[np.isfinite(upper)], -x_of[np.isfinite(lower)]])
-    room = np.concatenate([upper[np.isfinite(upper)], -lower[np.isfinite(lower)]])
+    finite = np.concatenate([upper[np.isfinite(upper)], -lower[np.isfinite(lower)]])
     none = np.zeros(len(equalities))
     for goal in (1.0, 0.0):  # the solver may not tell unbounded from infeasible
-        result = linprog(-goal * d, rows, room, equalities, none, bounds=[(None, None)] * len(d))
+        result = linprog(-goal * d, rows, finite, equalities, none, bounds=[(None, None)] * len(d))
         if result.status == 0:
             return -result.fun if goal else np.inf
     return -np.inf
@@ -183,10 +180,7 @@ def test_the_speed_of_an_arm_falls_to_zero_as_it_stretches_out(exponent):
 
 @given(st.floats(-8.5, -1.0))
 def test_rates_without_limits_do_not_hide_the_limit_of_a_slow_one(exponent):
-    """Check a limited motor that drives two unlimited ones at 1/ratio times its own rate.
-
-    Their columns of the constraint are then nearly parallel.
-    """
+    """Check a limited motor that drives two unlimited ones at 1/ratio by near-parallel columns."""
     ratio = 10.0**exponent
     drive = ConstrainedSystem([[ratio, 0, 0]], [[1, 1, 1], [0, ratio, 1]], [0, 1, 2])
     a = drive.kinematics().attainable([0], ([-np.inf, -np.inf, -1], [np.inf, np.inf, 2]))

@@ -91,10 +91,7 @@ def test_arguments_for_all_actuators_are_restricted_to_the_survivors(
 
 
 def four_bar(angles: np.ndarray, lengths: np.ndarray) -> ConstrainedSystem:
-    """Return a planar loop of four hinges, two with motors; the task is the coupler's twist.
-
-    The last bar is the ground: the sum of all hinge twists about the fixed origin is zero.
-    """
+    """Return a planar loop of four hinges, two with motors; the task is the coupler's twist."""
     turned = np.cumsum(angles)
     bars = lengths[:, None] * np.stack([np.cos(turned), np.sin(turned)], axis=1)
     hinges = np.vstack([np.zeros(2), np.cumsum(bars, axis=0)])

@@ -198,10 +198,7 @@ TALL = st.sampled_from([0, 1, 3])
 @MADE
 @given(st.data(), SEEDS, st.integers(1, 4), st.integers(1, 3))
 def test_any_arguments_may_be_batches_with_or_without_secondary_rows(made, data, seed, n, m):
-    """Check J, weights, metrics, constraint, self-motion and all three velocities or forces.
-
-    Some are singular, some have weights that decide nothing: each in its own way.
-    """
+    """Check J, weights, metrics, constraint, self-motion, velocities and forces, some singular."""
     rng, m1 = np.random.default_rng(seed), data.draw(st.integers(1, m))
     m2 = m - m1 if data.draw(st.booleans()) else 0
     W = "joint_weight" if made is velocity_mapping else "torque_weight"

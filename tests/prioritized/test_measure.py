@@ -94,10 +94,7 @@ def test_limits_of_rows_of_two_kinds_use_the_metric():
 
 
 def _sample(seed: int, unit: float, error: float) -> tuple[ConstrainedSystem, dict[str, Any]]:
-    """Sample hinges, slides and loops with natural length `unit`; a task, and units of both.
-
-    Half of the singular values of the task are 1e-3 to 1e-7, of which `error` explains some.
-    """
+    """Sample hinges, slides and loops with natural length `unit`, a task, and units of both."""
     rng = np.random.default_rng(seed)
     n, p, m = (int(rng.integers(*ends)) for ends in ((2, 7), (0, 4), (2, 7)))
     c = int(rng.integers(0, p + 2)) if p else 0

@@ -84,10 +84,7 @@ def test_ranks_change_where_singular_values_cross_the_tolerance(seed, nearness, 
 
 @given(SEEDS, st.floats(0, 8))
 def test_round_off_of_fast_passive_joints_is_no_motion(seed, exponent):
-    """Check the difference of two passive rates of 10^k per active rate: round-off of 1e-16 10^k.
-
-    J is decided against the size of its terms; against J_T alone this round-off would be a motion.
-    """
+    """Check the difference of two passive rates of 10^k per active rate: round-off 1e-16 10^k."""
     slow = 10.0**-exponent
     rng = np.random.default_rng(seed)
     turn = orthogonal(rng, 2)  # any other pair of passive coordinates
@@ -114,10 +111,7 @@ NEAR = st.floats(-1.0, 2.0)
 
 
 def nearly_fixed(seed: int, nearness: float, m: int, columns: int) -> Kinematics:
-    """Return an arm of m task rows whose passive columns hardly move the task, each differently.
-
-    Of several columns the first may move it well.
-    """
+    """Return an arm of m task rows whose passive columns, but perhaps the first, hardly move it."""
     rng = np.random.default_rng(seed)
     active, retained = rng.normal(size=(m, 4)), min(m, columns)
     sigma = 10.0 ** (nearness + rng.uniform(-0.5, 0.5, size=retained)) * RANK_TOLERANCE

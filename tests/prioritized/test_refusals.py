@@ -1,7 +1,4 @@
-"""Test that invalid input raises an error that names the expected value.
-
-All else that is hostile is in `test_hostile.py`.
-"""
+"""Test that invalid input raises an error that names the expected value."""
 
 from typing import Any
 

@@ -1,7 +1,6 @@
 """Test symmetric mechanisms: choices among equals do not depend on the last bits.
 
-Another processor computes other last bits. Here they are changed by hand: nothing that is a choice
-may change with them, and of equal things the one named first is chosen.
+The last bits, which depend on the processor, are perturbed; the first of equals must be chosen.
 """
 
 from itertools import product

@@ -64,7 +64,7 @@ def any_joints(rng, n, T=None) -> Joints:
 def kernel(last, slow, fast, down, up):
     """Return the lattice states (i, j), 0 <= i <= last, slow <= j <= fast, that are viable.
 
-    The next is (i + k, k), j - down <= k <= j + up; what has none is removed until nothing changes.
+    The next is (i + k, k), j - down <= k <= j + up; states without one are removed repeatedly.
     """
     rates = np.arange(slow, fast + 1)
     retained = np.ones((last + 1, len(rates)), dtype=bool)
@@ -83,10 +83,7 @@ def kernel(last, slow, fast, down, up):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_the_box_is_the_largest_by_dynamic_programming(seed):
-    """Check that exactly the rates in the box lead to viable states.
-
-    Braking to rest takes rates of the lattice only, so that on it nothing is lost.
-    """
+    """Check that exactly the rates in the box lead to viable states, by braking on the lattice."""
     rng = np.random.default_rng(seed)
     last, slow, fast = int(rng.integers(0, 60)), -int(rng.integers(0, 12)), int(rng.integers(0, 12))
     down, up = int(rng.integers(1, 5)), int(rng.integers(1, 5))
@@ -115,7 +112,7 @@ def extreme_rate(joints: Joints, x: float, v: float, sign: int, ticks: int) -> f
     step = (np.eye(ticks) - np.eye(ticks, k=-1)) / joints.T
     before = np.append(v / joints.T, np.zeros(ticks - 1))
     rows = np.vstack([total, -total, step, -step])
-    room = np.concatenate(
+    bounds = np.concatenate(
         [
             np.full(ticks, joints.x_max - x),
             np.full(ticks, x - joints.x_min),
@@ -124,7 +121,7 @@ def extreme_rate(joints: Joints, x: float, v: float, sign: int, ticks: int) -> f
         ]
     )
     cost = -sign * np.eye(ticks)[0]
-    result = linprog(cost, rows, room, bounds=(joints.v_min, joints.v_max), method="highs")
+    result = linprog(cost, rows, bounds, bounds=(joints.v_min, joints.v_max), method="highs")
     return None if result.status == 2 else float(result.x[0])
 
 
@@ -194,9 +191,9 @@ def test_no_limit_is_ever_violated_by_rates_of_the_box(seed, ticks):
         assert (box.lower <= box.upper).all()
         assert (joints.beyond(x) <= 1e-12).all()
         assert ((v >= joints.v_min) & (v <= joints.v_max)).all()
-        room = 4 * EPS * np.maximum(abs(v), abs(before))
-        assert (v <= before + joints.T * joints.a_max + room).all()
-        assert (v >= before + joints.T * joints.a_min - room).all()
+        round_off = 4 * EPS * np.maximum(abs(v), abs(before))
+        assert (v <= before + joints.T * joints.a_max + round_off).all()
+        assert (v >= before + joints.T * joints.a_min - round_off).all()
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -1,4 +1,4 @@
-"""The examples are short, run in an empty folder, and print what independent laws say."""
+"""Tests that the examples run in an empty folder and print what independent laws give."""
 
 import json
 import os
@@ -20,7 +20,7 @@ from tests.published.faces import distances
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.long
 FIRST = {"Matplotlib is building the font cache; this may take a moment."}
-"""Said by the first process on a computer that looks for fonts for over 5 s."""
+"""Message of the first process on a computer, if its search for fonts takes over 5 s."""
 
 
 def test_the_notebook_is_generated_from_its_script(tmp_path):
@@ -33,7 +33,7 @@ def test_the_notebook_is_generated_from_its_script(tmp_path):
 
 
 def printed(name: str, folder: Path) -> list[str]:
-    """What an example prints in an empty folder, where it leaves its picture, line by line."""
+    """Return the lines that an example prints in an empty folder, and check its picture."""
     done = subprocess.run(
         [sys.executable, ROOT / "examples" / f"{name}.py"],
         cwd=folder,
@@ -54,7 +54,7 @@ def printed(name: str, folder: Path) -> list[str]:
 
 
 def numbers(lines: list[str], pattern: str) -> list[float]:
-    """The number of each line that follows or precedes other text, as of a pattern."""
+    """Return the number in each line that matches a pattern."""
     return [float(found[1]) for line in lines if (found := re.search(pattern, line))]
 
 
@@ -76,7 +76,7 @@ def test_an_example_prints_the_derived_numbers(name, pattern, expected, tmp_path
 
 
 def camera() -> np.ndarray:
-    """Rows [angular; linear] of the arm's camera in the axes `base`, by MuJoCo alone."""
+    """Return rows [angular; linear] of the arm's camera in the axes `base`, by MuJoCo alone."""
     model = mujoco.MjModel.from_xml_path(str(MODELS / "arm.xml"))
     data, J = mujoco.MjData(model), np.zeros((2, 3, model.nv))
     mujoco.mj_forward(model, data)
@@ -132,7 +132,7 @@ def test_with_five_motions_in_a_loop_the_place_is_exact_and_the_load_tilts(tmp_p
 
 
 def test_the_speed_after_a_lock_is_the_distance_of_the_nearest_face(tmp_path):
-    """The reachable velocities are a polytope about zero; a locked joint takes its column away."""
+    """The reachable velocities are a polytope about zero; a locked joint removes its column."""
     J, one = camera()[3:], np.ones(7)
     left = [distances(J * (np.arange(7) != k), np.zeros(3), -one, one).min() for k in range(7)]
     part = np.array(left) / distances(J, np.zeros(3), -one, one).min()

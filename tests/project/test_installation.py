@@ -1,4 +1,4 @@
-"""One package after installation; what is absent or hidden is one sentence; one version."""
+"""Tests of the installed package, messages for missing packages, and the version."""
 
 import ast
 import importlib
@@ -24,16 +24,16 @@ from hatch_build import FOLDERS, stage
 ROOT = Path(__file__).parents[2]
 
 
-def python(folder: Path, *words: str, path: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    """Outcome of the interpreter in a user's folder, with this project behind it on the path."""
+def python(folder: Path, *arguments: str, path: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    """Run the interpreter in a user's folder, with this project behind it on the path."""
     environment = os.environ | {"PYTHONPATH": str(path)}
     return subprocess.run(
-        [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True
+        [sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True
     )
 
 
 def users_own(folder: Path) -> None:
-    """Packages of the user's own, under names that this project's folders have too."""
+    """Create packages of the user with the names of this project's folders."""
     for name in ("experiments", "models", "sim"):
         (folder / name).mkdir()
         (folder / name / "__init__.py").write_text("MINE = True\n")
@@ -41,7 +41,7 @@ def users_own(folder: Path) -> None:
 
 @pytest.mark.long
 def test_an_installed_package_does_not_hide_packages_of_the_user(tmp_path):
-    """A script beside `sim/`, `models/` and `experiments/` of the user's own gets both."""
+    """A script next to folders `sim`, `models` and `experiments` of the user imports both."""
     stage(ROOT, tmp_path / "site" / "fjh")
     user = tmp_path / "user"
     user.mkdir()
@@ -111,8 +111,10 @@ def test_the_import_of_fjh_loads_no_large_package(tmp_path):
 def test_a_folder_that_hides_a_package_of_the_checkout_is_reported(tmp_path):
     users_own(tmp_path)
     done = python(tmp_path, "-c", "import fjh")
-    said = f"{tmp_path}/experiments/__init__.py, not {ROOT}/experiments: rename it, or install fjh"
-    assert said in done.stderr.splitlines()[-1]
+    message = (
+        f"{tmp_path}/experiments/__init__.py, not {ROOT}/experiments: rename it, or install fjh"
+    )
+    assert message in done.stderr.splitlines()[-1]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -121,16 +123,16 @@ def test_the_command_reports_a_missing_extra(monkeypatch, capsys, package):
     with pytest.raises(SystemExit) as end:
         run()
     assert end.value.code == 2
-    said = capsys.readouterr().err
-    assert f'not installed, {package}: in a checkout, pip install ".[all]"' in said
-    assert said.count("\n") == 1
+    message = capsys.readouterr().err
+    assert f'not installed, {package}: in a checkout, pip install ".[all]"' in message
+    assert message.count("\n") == 1
 
 
 def test_sim_reports_a_missing_extra(tmp_path):
     absent = "import sys; sys.modules['mujoco'] = None; "
     last = python(tmp_path, "-c", absent + "import sim").stderr.splitlines()[-1]
-    said = "ModuleNotFoundError: sim needs mujoco, which is not installed: in a checkout, "
-    assert last == f'{said}pip install ".[sim]"'
+    message = "ModuleNotFoundError: sim needs mujoco, which is not installed: in a checkout, "
+    assert last == f'{message}pip install ".[sim]"'
 
 
 def test_all_packages_have_one_version(capsys):
@@ -146,7 +148,7 @@ NOT_OF_SIM = ("rerun", "rerun_loader_mjcf", "pyarrow", "typer", "rich", "distrib
 
 @pytest.mark.long
 def test_a_rig_needs_only_the_extra_sim(tmp_path):
-    """Who flies a robot from Python needs none of what recordings, tables and commands need."""
+    """Simulation from Python needs no packages for recordings, tables or commands."""
     code = f"""
 import sys
 

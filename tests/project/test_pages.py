@@ -1,4 +1,4 @@
-"""The code of every page runs, once, prints what stands below it, and does what the page says."""
+"""Tests that the code of every page runs and prints the stated output."""
 
 import contextlib
 import json
@@ -39,7 +39,7 @@ def code(page: str, language: str) -> list[str]:
 
 
 def prepare(page: str, folder: Path, request: pytest.FixtureRequest) -> None:
-    """Put what the reader of a page has into a folder."""
+    """Create the files that a page requires in a folder."""
     if page == "docs/track.md":
         shutil.copy(MODELS / "arm.xml", folder / "arm.xml")
     elif page == "docs/load.md":
@@ -53,7 +53,7 @@ def prepare(page: str, folder: Path, request: pytest.FixtureRequest) -> None:
 
 @pytest.fixture(scope="session")
 def names_of(tmp_path_factory, request):
-    """What a page's code leaves: its names, and `folder`, where it ran; each page runs once."""
+    """Return a function from a page to its names and its `folder`; each page runs once."""
     done: dict[str, dict[str, Any]] = {}
 
     def names(page: str) -> dict[str, Any]:
@@ -77,7 +77,7 @@ def test_the_code_of_a_page_prints_the_stated_output(page, names_of):
 
 @pytest.mark.parametrize("page", [page for page in PAGES if "```sh\n" in page.read_text()], ids=str)
 def test_the_command_line_accepts_every_command_of_a_page(page):
-    """Names, options and their values; nothing is run."""
+    """Names, options and their values are parsed; no command is run."""
     app = typer.main.get_command(app_of(*LINES))
     for line in "".join(code(str(page), "sh")).splitlines():
         program, *words = shlex.split(line, comments=True) or [""]
@@ -92,7 +92,7 @@ def test_the_command_line_accepts_every_command_of_a_page(page):
 
 @pytest.mark.parametrize("robot", ["unknown_arm", "unnamed_gantry"])
 def test_the_code_of_the_readme_works_for_other_robots(robot, tmp_path, monkeypatch, capsys):
-    """They name the lock; by sensors whose noise hides everything they say why there is none."""
+    """The lock is identified; with noise that hides all signals, the reason is printed."""
     monkeypatch.chdir(tmp_path)
     shutil.copy(Path(__file__).parents[1] / "models" / f"{robot}.xml", tmp_path / "yours.xml")
     site, joint, rig = {
@@ -119,14 +119,14 @@ def test_the_tick_of_the_page_uses_the_general_solver_if_a_rank_is_uncertain(cap
 
 
 def table(heading: str) -> Iterator[list[str]]:
-    """Rows of the table on recordings whose first heading this is."""
+    """Yield the rows of the table of docs/recordings.md with this first heading."""
     page = text("docs/recordings.md")
     for line in page.split(f"|{heading}|")[1].split("\n\n")[0].splitlines()[2:]:
         yield [cell.strip(" `") for cell in line.strip("|").split("|")]
 
 
 def test_the_tables_list_all_entities_and_arrays_of_the_files(names_of):
-    """No entity in no row or in two, and as many as the row says."""
+    """Entities match exactly one row, and as many as the row states."""
     folder = names_of("docs/recordings.md")["folder"]
     schema = RrdReader(folder / "W_e.rrd").store().schema()
     patterns = {entity.replace("*", "[^/]+"): int(count) for entity, count, *_ in table("entity")}
@@ -157,7 +157,6 @@ def test_the_study_of_the_page_writes_its_files_and_its_checks_can_fail(names_of
 
 @pytest.mark.parametrize("name", ["fjh", "arm", "arms", "hand", "platform"])
 def test_every_number_of_a_machine_file_has_a_stated_source(name):
-    """The nearest comment above names its origin."""
     comment = ""
     for token in re.findall(
         r"<!--.*?-->|<[^!?/][^>]*>", (MODELS / f"{name}.xml").read_text(), re.DOTALL

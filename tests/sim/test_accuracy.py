@@ -19,10 +19,7 @@ from tests.sim.machines import at, stretched
 def three_rrr(
     digits: int = 17, axes: np.ndarray | None = None, base: str = "", driven: str = ""
 ) -> mujoco.MjModel:
-    """A planar 3-RRR: seven hinges, two connects of which one row each is redundant.
-
-    Axes are along z, or as given, shape (7, 3); `base` is the joint of the body that carries all.
-    """
+    """Create a planar 3-RRR: seven hinges, axes (7, 3); two connects with a redundant row each."""
     axes = np.tile([0.0, 0.0, 1.0], (7, 1)) if axes is None else axes
     feet = np.array([[np.cos(a), np.sin(a)] for a in (0.5, 0.5 + 2.1, 0.5 + 4.1)]) * 0.87654321
     tips, knees = 0.3 * feet + 0.01234567, np.array([[0.8, 0.3], [-0.75, 0.25], [-0.1, -0.85]])

@@ -60,9 +60,9 @@ def test_small_gaps_close_with_the_least_change_in_the_mass_metric():
 def test_fixed_joints_do_not_move():
     of = model("five_bar")
     data = opened(of, 0.02)
-    for held in (["left"], [0], ["left", "right"]):
-        closed = assemble(of, data, held=held)
-        for label in held:
+    for fixed in (["left"], [0], ["left", "right"]):
+        closed = assemble(of, data, held=fixed)
+        for label in fixed:
             assert closed.joint(label).qpos[0] == data.joint(label).qpos[0]
     closed = assemble(humanoid(), held=["root"], pinned=["left_foot"])
     np.testing.assert_array_equal(closed.qpos[:7], humanoid().qpos0[:7])
@@ -207,9 +207,9 @@ def test_a_fixed_tendon_moves_as_commanded_and_stays_when_stuck():
     cable = """<tendon><fixed name="cable"><joint joint="left_elbow" coef="0.03"/>
       <joint joint="right_elbow" coef="-0.02"/></fixed></tendon><actuator>"""
     of = model("five_bar", ("<actuator>", cable), ('"m2" joint="right"', '"m2" tendon="cable"'))
-    for grows, held in ((1e-3, ["cable", "left", "wrist"]), (0.0, ["cable"])):
+    for grows, fixed in ((1e-3, ["cable", "left", "wrist"]), (0.0, ["cable"])):
         _, data, velocity = five_bar(0.05, grows, 0.0, of=of)
-        there = advance(of, data, velocity, held=held)
+        there = advance(of, data, velocity, held=fixed)
         assert there.ten_length[0] - data.ten_length[0] == pytest.approx(grows, abs=1e-10)
 
 
@@ -364,11 +364,11 @@ def test_a_velocity_that_opens_the_loops_is_rejected_for_any_step(length):
     """The state is unchanged, including one that was to be overwritten."""
     of, data, v = five_bar(1.0, -1.0, 0.0)
     v[of.joint("left_elbow").dofadr[0]] *= -1.0
-    for held, gap in (((), 1e-7), (range(of.nv), 0.0)):
+    for fixed, gap in (((), 1e-7), (range(of.nv), 0.0)):
         there = at(of, **{of.joint(k).name: data.qpos[k] + gap * k for k in range(of.nv)})
         before = there.qpos.copy()
         with pytest.raises(ValueError, match=r'velocity must keep the loops closed: .* "pin"'):
-            advance(of, there, v, length, held, into=there)
+            advance(of, there, v, length, fixed, into=there)
         np.testing.assert_array_equal(there.qpos, before)
     of, start = walker()
     with pytest.raises(ValueError, match=r'must keep the loops closed: .* pinned "foot_[lr]"'):
@@ -376,15 +376,15 @@ def test_a_velocity_that_opens_the_loops_is_rejected_for_any_step(length):
 
 
 @pytest.mark.parametrize("name", ["arm", "mobile", "quadruped", "humanoid"])
-@pytest.mark.parametrize("held", [(), (1, 2)])
-def test_without_loops_a_step_equals_that_of_mujoco_exactly(name, held):
+@pytest.mark.parametrize("fixed", [(), (1, 2)])
+def test_without_loops_a_step_equals_that_of_mujoco_exactly(name, fixed):
     of = load_model(MODELS / f"{name}.xml")
     rng, data = np.random.default_rng(1), mujoco.MjData(of)
     for _ in range(5):
         v, expected = rng.normal(size=of.nv), copy.copy(data)
         mujoco.mj_integratePos(of, expected.qpos, 0.1 * v, 1.0)
         mujoco.mj_fwdPosition(of, expected)
-        data = advance(of, data, v, 0.1, held, warn_of_misses=False)
+        data = advance(of, data, v, 0.1, fixed, warn_of_misses=False)
         for field in ("qpos", "xpos", "site_xmat", "subtree_com", "cdof", "ten_length"):
             np.testing.assert_array_equal(getattr(data, field), getattr(expected, field))
     assert data.time == pytest.approx(0.5)

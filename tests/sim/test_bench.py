@@ -105,13 +105,13 @@ def test_a_delay_shifts_the_response_by_as_many_ticks(late):
 
 def test_the_plant_keeps_its_last_command_until_the_first_one_arrives(model):
     """Pending commands do not change with the caller's buffer."""
-    plant, held, buffer = Plant(model), np.full(6, 2e-5), np.full(6, 1e-5)
-    plant.settle(0.3, held)
+    plant, constant, buffer = Plant(model), np.full(6, 2e-5), np.full(6, 1e-5)
+    plant.settle(0.3, constant)
     bench = Bench(plant, Blind(), time_s=np.zeros(2), period_s=PERIOD_S, delay_ticks=1)
     bench.measure()
     bench.apply(buffer)
-    np.testing.assert_array_equal(plant.command, held)
-    np.testing.assert_allclose(plant.displacements(), held, rtol=1e-2)
+    np.testing.assert_array_equal(plant.command, constant)
+    np.testing.assert_allclose(plant.displacements(), constant, rtol=1e-2)
     buffer[:] = 0.0
     bench.measure()
     bench.apply(buffer)

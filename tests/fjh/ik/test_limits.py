@@ -171,9 +171,9 @@ def test_a_tendon_without_an_actuator_and_a_ball_stay_in_their_ranges(accelerati
         mujoco.mju_quat2Vel(turn, data.joint("neck").qpos, 1.0)
         assert 0.2 - 1e-6 < data.ten_length[0] < 0.95 + 1e-6 and np.linalg.norm(turn) < 0.5 + 1e-6
     assert np.linalg.norm(turn) > 0.499
-    reach = np.linalg.norm(tip.target[[0, 2]] - [0.0, 1.2])
+    distance = np.linalg.norm(tip.target[[0, 2]] - [0.0, 1.2])
     remaining = np.linalg.norm(data.site("tip").xpos - tip.target)
-    assert remaining == pytest.approx(max(reach - 0.95, 0.2 - reach), abs=1e-3)
+    assert remaining == pytest.approx(max(distance - 0.95, 0.2 - distance), abs=1e-3)
     text = str(ik.solve(data, DT))
     assert "tendon tether" in text and "joint neck" in text
 

@@ -19,9 +19,9 @@ def connected(page: Page, origin: str | None, host: str = "127.0.0.1") -> Client
     """Connect a client with a stated origin and host."""
     port = page._server.get_port()
     place = socket.create_connection(("127.0.0.1", port))
-    said = None if origin is None else Origin(origin.format(port=port))
+    stated = None if origin is None else Origin(origin.format(port=port))
     known = [Subprotocol(f"viser-v{viser.__version__}")]
-    return connect(f"ws://{host}:{port}", sock=place, origin=said, subprotocols=known)
+    return connect(f"ws://{host}:{port}", sock=place, origin=stated, subprotocols=known)
 
 
 @pytest.mark.parametrize(

@@ -92,7 +92,7 @@ def test_late_information_is_predicted_between_onset_and_never():
     assert design is not None
     for dither in (None, design.dither):
         of = partial(one.predict, path, failures=failures, dither=dither)
-        errors = {told: np.linalg.norm(of(told=told).rms_after) for told in (True, False)}
+        errors = {known: np.linalg.norm(of(told=known).rms_after) for known in (True, False)}
         assert np.linalg.norm(of(told=[FAILED_S, 0.3]).rms_after) == errors[True]
         assert np.linalg.norm(of(told=[None, None]).rms_after) == errors[False]
         late = [np.linalg.norm(of(told=[t, None]).rms_after) for t in (0.55, 0.7, 0.9)]
@@ -108,9 +108,9 @@ def test_a_supervisor_that_identifies_a_free_actuator_continues_as_predicted():
     run = one.fly(one.supervisor(dither.dither), path, failures=failures)
     (diagnosis,) = run.diagnoses
     assert (diagnosis.actuator, diagnosis.kind) == (one.actuators[0], "free")
-    told = one.predict(path, failures=failures, told=[diagnosis.time_s], dither=dither.dither)
+    informed = one.predict(path, failures=failures, told=[diagnosis.time_s], dither=dither.dither)
     after = np.linalg.norm(run.rms(slice(round(1.2 / one.period_s), None)))
-    assert after == pytest.approx(np.linalg.norm(told.rms_after), rel=0.1)
+    assert after == pytest.approx(np.linalg.norm(informed.rms_after), rel=0.1)
 
 
 def test_two_failures_of_one_tick_both_change_the_plant_in_either_order():
@@ -128,8 +128,8 @@ def test_nothing_is_predicted_after_a_loose_strut_leaves_its_range():
     failures = [Failure("strut1", "loose", 0.1)]
     run = one.fly(one.controller(), path, failures=failures)
     assert np.abs(run.displacement[:, 0]).max() > 0.99 * one.travel[1][0]  # on its stop
-    for told in (True, False):
-        predicted = one.predict(path, failures=failures, told=told)
+    for known in (True, False):
+        predicted = one.predict(path, failures=failures, told=known)
         assert predicted.leaves == "strut1"
         assert np.isnan(predicted.rms_after).all() and np.isfinite(predicted.rms_before).all()
 

@@ -26,10 +26,10 @@ STRETCHED = {"site": "tip", "axes": None, "major": "3,4"}
 def test_hexarotor_hovers_without_a_rotor_if_neighbours_turn_in_the_same_sense(tmp_path):
     """Compare with Du, Quan, Yang and Cai, JGCD 38 (2015)."""
     hover = {"lower": "0", "upper": "6.125", "hold": f"{1.535 * 9.8},0,0,0"}
-    for turns, kept in {"PNPNPN": 6 * [False], "PPNNPN": 4 * [True] + 2 * [False]}.items():
+    for turns, survives in {"PNPNPN": 6 * [False], "PPNNPN": 4 * [True] + 2 * [False]}.items():
         start = of_matrix(written(tmp_path / "B.csv", effectiveness(turns)), **hover).start
         assert start.survived[0]
-        assert start.survived[start.singles[:, FREE - LOCKED]].tolist() == kept
+        assert start.survived[start.singles[:, FREE - LOCKED]].tolist() == survives
 
 
 def test_rows_list_failed_actuators_and_actuators_list_remaining_effects(tmp_path):
