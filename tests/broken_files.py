@@ -98,7 +98,7 @@ def packed(**entries: bytes) -> Spoil:
 def _bomb(path: Path) -> None:
     """Write an archive that declares more unpacked data than may be read."""
     packed(time_s=_declared(LARGEST_FILE // 8) + bytes(1000))(path)
-    content = path.read_bytes()  # its directory is believed
+    content = path.read_bytes()  # readers trust its directory
     at = content.rindex(b"PK\x01\x02") + 24
     path.write_bytes(content[:at] + (LARGEST_FILE + 1).to_bytes(4, "little") + content[at + 4 :])
 
@@ -140,7 +140,7 @@ TABLES: dict[str, Spoil] = {
     "NaN": written(b"1,nan\n1,1\n"),
     "infinite": written(b"1,inf\n1,1\n"),
     "ragged": written(b"1,1\n1\n"),
-    "of words": written(b"a,b\nc,d\n"),
+    "text": written(b"a,b\nc,d\n"),
 }
 """Broken CSV files."""
 

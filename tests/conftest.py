@@ -13,20 +13,19 @@ from experiments.studies import LINES
 from tests import profiles
 from tests.durations import pytest_terminal_summary as pytest_terminal_summary
 
-# Whoever runs one test waits for what it imports: the command line and MuJoCo are imported where a
-# fixture needs them.
+# Fixtures import the command line and MuJoCo themselves, so that single tests start fast.
 if TYPE_CHECKING:
     import mujoco
 
 profiles.register()
 
-# Their assertions say what they compare, as those of tests do.
+# Assertions of these modules show the compared values, as in tests.
 pytest.register_assert_rewrite(
     *("tests.fjh.live.browser", "tests.fjh.survey.surveys", "tests.hostile", "tests.models"),
     *("tests.motions", "tests.processes"),
 )
 
-# A job that a shell puts in the background ignores Ctrl-C, and so would what the tests start.
+# Background jobs of a shell ignore Ctrl-C, and so would processes that the tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

@@ -46,7 +46,7 @@ def _solution(A: np.ndarray, b: np.ndarray, scale: float) -> tuple[np.ndarray, n
 def _minimizer(E: np.ndarray, e: np.ndarray, A: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the least-norm minimizer of |A x - b| with E x = e."""
     x, Z = _solution(E, e, scale=1.0)
-    # Relative to A: where A Z is round-off, E decides A x already.
+    # Ranks are relative to A: where A Z is round-off, E determines A x.
     y, _ = _solution(A @ Z, b - A @ x, _norm(A))
     return x + Z @ y
 
@@ -157,7 +157,7 @@ def enumerated(levels: Levels, lower: np.ndarray, upper: np.ndarray) -> Known:
         best = np.full(count, np.inf)
         np.minimum.at(best, of, value)
         gap[np.isinf(best)] = 0.0
-        # The first that is best, in the order of the problems.
+        # The first of the best sets is used.
         winner = np.nonzero(value <= best[of])[0]
         winner = winner[np.unique(of[winner], return_index=True)[1]]
         x = np.clip(y[winner], lower, upper)
@@ -235,8 +235,8 @@ def _program(
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
     settings.tol_infeas_abs = settings.tol_infeas_rel = 1e-14  # 1e4 times the bounds is no proof
-    # Over t in x + Z (V diag(1 / s) t_1 + V_0 t_2), A Z = U diag(sigma) V^T. With s = sigma the
-    # objective is as well conditioned as can be, with s = 1 the limits are.
+    # Unknowns are t in x + Z (V diag(1 / s) t_1 + V_0 t_2), A Z = U diag(sigma) V^T. With s = sigma
+    # the objective is well conditioned, with s = 1 the limits are.
     for s in (sigma, np.ones(len(sigma))):
         to_y, slope = np.hstack([V / s, V0]), np.append(sigma / s, np.zeros(V0.shape[1]))
         q = -slope * np.append(U.T @ (b - A @ x), np.zeros(V0.shape[1]))

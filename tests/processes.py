@@ -14,10 +14,10 @@ CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
 INTERRUPTED = "fjh: interrupted: no file was left half-written\n"
 
 
-def _heard() -> None:
+def _reset_signals() -> None:
     """Reset signals, since a child ignores those that `nohup` or a background shell ignored."""
-    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(each, signal.SIG_DFL)
+    for number in CODES:
+        signal.signal(number, signal.SIG_DFL)
 
 
 def started(*command: str) -> subprocess.Popen[str]:
@@ -28,7 +28,7 @@ def started(*command: str) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         stdout=subprocess.PIPE,
         start_new_session=True,
-        preexec_fn=_heard,
+        preexec_fn=_reset_signals,
         text=True,
     )
 
@@ -38,6 +38,6 @@ def ended(process: subprocess.Popen[str], number: signal.Signals | int) -> None:
     _, error = process.communicate(timeout=60)
     assert (process.returncode, error) == (CODES[signal.Signals(number)], INTERRUPTED)
     with pytest.raises(ProcessLookupError):
-        for _ in range(200):  # Python's own tracker of resources takes a moment
+        for _ in range(200):  # Python's resource tracker ends a little later
             os.killpg(process.pid, 0)
             time.sleep(0.05)

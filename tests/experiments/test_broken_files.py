@@ -18,7 +18,7 @@ from tests.broken_files import (
     TABLES,
     Spoil,
 )
-from tests.made import keep_made
+from tests.synthetic import write_synthetic_run
 
 PUBLISHED = Path(__file__).parents[2] / "docs" / "data" / "table1.json"
 # A reader: its file, the arguments of the command, and unusable kinds of files.
@@ -54,7 +54,7 @@ READERS: dict[str, tuple[str, str, dict[str, Spoil]]] = {
 def valid(tmp_path_factory) -> Path:
     """Folder with a valid file for each reader."""
     folder = tmp_path_factory.mktemp("healthy")
-    keep_made(folder)
+    write_synthetic_run(folder)
     np.savez(folder / "it.npz", time_s=np.arange(3.0), desired=np.zeros((3, 2)))
     return folder
 

@@ -8,7 +8,7 @@ import pytest
 import argument_checks as check
 from experiments.app import cli
 from experiments.app.exit_codes import TRACEBACK
-from tests.made import made_study
+from tests.synthetic import synthetic_study
 
 
 @pytest.fixture
@@ -16,7 +16,7 @@ def measure(tmp_path, monkeypatch):
     """Function from a computation to the arguments of a study's command, which writes nothing."""
 
     def arguments_of(perform: Callable[..., Any]) -> list[str]:
-        study = made_study("measure", lambda **_: perform())
+        study = synthetic_study("measure", lambda **_: perform())
         monkeypatch.setattr(cli, "PAPER", {"measure": ""})
         monkeypatch.setattr(cli, "study", lambda _: study)
         return ["measure", "--out", str(tmp_path / "out")]

@@ -55,7 +55,7 @@ def test_strut_forces_balance_the_external_wrench_with_and_without_coils(lines):
     by_coils = force.simulate_load(rig(), (), np.linalg.solve(lines.T, wrench.T).T, wrench).strut_n[
         :, -1
     ]
-    # Against springs the payload moves, and the flexures take their share of 0.2 %.
+    # The payload moves against springs, and the flexures bear 0.2 %.
     np.testing.assert_allclose(by_springs @ lines, wrench, rtol=5e-3)
     np.testing.assert_allclose(by_coils @ lines, wrench, rtol=1e-4)
 

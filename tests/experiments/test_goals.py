@@ -84,7 +84,7 @@ def random_pose(seed: int) -> Pose:
 def test_the_clearance_is_that_of_a_sphere_and_a_cylinder(seed):
     """The distance from the centre to the lateral surface, less the radius, is in base axes."""
     pose = random_pose(seed)
-    # World is diag(1, -1, -1) of base; the cell hangs 0.1445 m below the payload's origin.
+    # World axes are diag(1, -1, -1) of base; the cell is 0.1445 m below the payload's origin.
     centre = np.array([0.0, -(0.065 + physics.GAP_M + physics.RADIUS_M), 0.144482272])
     seen = pose.rotation.T @ (centre - pose.translation_m)
     assert abs(seen[2] - 0.144482272) < 0.015  # beside the mantle, not the rim
@@ -132,7 +132,7 @@ def test_a_reading_of_the_detector_is_corrected_for_roll(seed):
     detector = replace(TestbedConfig().detector(), noise_m=0.0)
     read = Measurement(detector.read(pose.rotation, rng), np.zeros(6))
     pointing = pointing_angles(pose.rotation)
-    # Up to the detector's small-angle optics, the cube of 4 mrad.
+    # The detector's small-angle optics have an error of (4 mrad)^3.
     np.testing.assert_allclose(physics.without_roll(read, pose).output, pointing, atol=5e-8)
 
 
@@ -199,12 +199,12 @@ def test_pursued_goals_keep_their_limits_and_others_change_the_pointing(study):
     rms_urad = angles.rms_urad.max().unstack("name")
     ratio = rms_urad.nothing / rms_urad.unlimited
     assert (ratio[["stroke", "obstacle", "singularity"]] > 2).all()
-    # The collision is real: the sphere holds the payload where it would have passed through.
+    # The sphere stops the payload, which would have passed through it.
     assert -1.0 < worst.nothing["obstacle"] < 1.0
     assert worst.unlimited["obstacle"] < -100.0
-    # The shoulder is what kept the arm from its singularity.
+    # The shoulder keeps the arm away from its singularity.
     assert worst.unlimited["singularity"] < 2.0
-    # A weight of the pseudo-inverse that serves one goal well spoils another task.
+    # A weight of the pseudo-inverse that is good for one goal spoils another task.
     changes = changed.pseudo_inverse_10 / changed.pursued
     assert changes["obstacle"] < 1.5
     assert changes["singularity"] > 100

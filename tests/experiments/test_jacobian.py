@@ -63,7 +63,7 @@ def test_every_estimate_bounds_its_taylor_coefficient_on_every_ray(seed):
         there = Hexapod(  # with this pose as nominal one
             geometry.bottom_m - pose.translation_m, geometry.top_m @ pose.rotation.T
         )
-        # The struts of this hexapod have their lengths at the pose.
+        # This hexapod has the lengths of the pose.
         series = jacobian_series(there, stroke_m * corner, ORDER + 1)
         sizes = {
             "arm": [np.linalg.norm(p, axis=-1).max() for p in series.arm],
@@ -210,7 +210,7 @@ def test_readings_are_derivatives_of_the_stated_quantities():
 
 def test_the_json_states_eq_39_and_the_proof_of_eq_40(study):
     J_0 = study.summary["J0"]
-    # Half a unit of the last digit, and 0.00055 for 1.004: the geometry gives 1.00455.
+    # Half a unit of the last digit; 0.00055 for 1.004, as the geometry gives 1.00455.
     np.testing.assert_allclose(J_0, paper.JACOBIAN, atol=6e-4)
     np.testing.assert_allclose(J_0, nominal(), rtol=1e-14)
     assert study.summary["condition_number"] == pytest.approx(paper.CONDITION_NUMBER, abs=5e-3)

@@ -59,7 +59,7 @@ def test_the_static_gain_of_the_linear_model_is_that_of_the_springs(model, kind)
     Z = scipy.linalg.null_space(jac.J_C)
     by_springs = jac.J_T @ Z @ np.linalg.solve(Z.T @ (K[:, None] * Z), Z.T @ force)
     by_model = -linear.C_twist @ np.linalg.solve(linear.A, linear.B @ command)
-    # The linearization's own finite differences are good to 1e-7.
+    # Finite differences of the linearization are accurate to 1e-7.
     np.testing.assert_allclose(by_model, by_springs, rtol=1e-6)
 
 
@@ -95,8 +95,7 @@ def test_without_spring_the_loop_needs_the_mapping_for_its_bandwidth(spirals):
 def test_motion_equals_the_linear_model_and_is_not_quasi_static(spirals):
     failing = pd.DataFrame(spirals.values()).dropna(subset="kind")
     assert (failing.motion_mismatch_linear_model_percent < 0.1).all()
-    # With the spring, modes of 31 Hz follow a spiral of 0.5 Hz; without, a time constant of half a
-    # second does not.
+    # Modes of 31 Hz (with spring) follow a spiral of 0.5 Hz; a time constant of 0.5 s does not.
     quasi_static = failing.groupby("kind").motion_mismatch_quasi_static_percent
     assert quasi_static.max()["free"] < 4.0
     assert quasi_static.min()["loose"] > 30.0

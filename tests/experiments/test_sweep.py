@@ -53,7 +53,7 @@ def test_a_hypercube_has_one_run_in_each_slice_of_each_range():
     ):
         assert np.histogram(rows[name], edges)[0].tolist() == [1] * 17, name
     assert abs(2 * rows.known.sum() - 17) == 1
-    # A pure function of design, seed and number, and small.
+    # Runs depend on design, seed and number alone, and are small.
     assert runs == designs.runs_of(UNEVEN, 3) and len({run.seed for run in runs}) == 17
     assert not set(runs) & set(designs.runs_of(UNEVEN, 4))
     assert len(pickle.dumps(runs[0])) < 1000

@@ -52,10 +52,9 @@ def entries(study):
 def test_the_simulated_motions_are_those_of_the_classification(entries):
     """Limits are ten to a hundred times tighter than in the study's checks."""
     assert len(entries) == sum(len(mechanism.conditions) for mechanism in systems.MECHANISMS)
-    # Internal forces, too: closure forces are those of eq. (11).
+    # Closure forces include internal forces, by eq. (11).
     assert entries[["drift_error", "torque_error", "closure_error"]].max(axis=None) < 1e-4
     assert entries.yielded_steps.max() < 1e-4
-    # Far from any rank threshold.
     assert entries.smallest_gap.min() > 1e4
 
 
@@ -68,7 +67,7 @@ def test_the_simulated_motions_are_those_of_the_classification(entries):
         (("hand", "1 free"), False, False, 0),  # three motors still hold the object
         (("hand", "1 and 2 free"), True, True, 0),  # with a free finger it swings about the other
         (("arms", "healthy"), False, False, 6),  # twelve motors, six freedoms
-        # One arm carries both the load and the other.
+        # One arm carries the load and the other arm.
         (("arms", "1, 2, 3, 4, 5 and 6 free"), False, False, 0),
         (("platform", "1 free"), False, False, 0),  # over-actuated: no self-motion
         (("platform", "1 and 2 free"), True, True, 0),

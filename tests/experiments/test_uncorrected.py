@@ -82,11 +82,11 @@ def test_a_lock_off_centre_keeps_the_position_set_by_the_coil(model):
         for lead_in_s in (0.0, 1.0)
     )
     J = np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))
-    # The flexures take a few thousandths of the coil's force.
+    # The flexures bear some thousandths of the coil's force.
     np.testing.assert_allclose(run.true[0], J[:2, 0] * place_m, rtol=6e-3)
     assert np.abs(run.displacement[:, 0] - place_m).max() < 6e-3 * place_m
     assert np.abs(run.displacement[0, 1:]).max() < 6e-3 * place_m
-    # The integrators have removed it, but for the detector's noise.
+    # The integrators have removed it, except for the detector's noise.
     assert np.abs(settled.true[0]).max() < 1e-6
 
 

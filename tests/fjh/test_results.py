@@ -16,7 +16,7 @@ from fjh.comparison import LEVEL, Comparison, compare, shifted
 from fjh.result_frames import results
 from fjh.study.errors import WrongInput
 from fjh.study.result import Check, Result
-from tests.made import keep_made
+from tests.synthetic import write_synthetic_run
 
 DATA = Path(__file__).parents[2] / "docs" / "data"
 TABLE1 = json.loads((DATA / "table1.json").read_text())
@@ -130,7 +130,7 @@ def test_runs_checks_and_files_of_every_folder_are_frames():
 
 def test_a_folder_of_recordings_alone_is_a_row_for_each(tmp_path):
     for name in ("one", "two"):
-        keep_made(tmp_path, name)
+        write_synthetic_run(tmp_path, name)
     frames = results(tmp_path)
     assert list(frames.runs.recording) == ["one", "two"] and set(frames.runs.study) == {"made"}
     assert list(frames.runs)[:2] == list(frames.files)[:2] == ["study", "folder"]

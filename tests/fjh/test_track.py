@@ -35,7 +35,7 @@ FAILS = {ARM: "motor2", HAND: "motor2", ARMS: "motor2", PLATFORM: "motor1", None
 
 def tracked(model: Path | None, seed: int = 0, **options: Any) -> Result:
     """Return the result of `fjh track` without its files."""
-    # A given crossover spares the search, as no dither does its design.
+    # A given crossover avoids the search, and no dither its design.
     arguments: dict[str, Any] = {"dither": "none", "turn": 2.0, "duration": 1.0, "model": model}
     arguments |= {"major": MAJOR.get(model, "0,1")} | ({} if model is None else {"crossover": 0.7})
     arguments |= options
@@ -117,7 +117,6 @@ def test_forward_kinematics_reads_the_task_as_well_as_the_encoders_allow():
     noise = run["measured"] - run["true"]
     np.testing.assert_allclose(noise.std(axis=0), rig.nominal.noise, rtol=0.1)
     np.testing.assert_allclose(noise.mean(axis=0), 0.0, atol=4e-6 / np.sqrt(len(noise)))
-    # Encoders resolve the path as the sensor of the task does: metres of it are no radians.
     hand = robot_rig(HAND, RobotOptions(major=(3, 4), sense="joints", crossover=0.7))
     gain = hand.mapping(hand.goal).major_gain()
     assert hand.encoder_noise == pytest.approx(hand.noise * np.abs(gain).max())
@@ -153,7 +152,7 @@ def test_error_without_diagnosis_is_that_of_a_run_without_diagnosis():
     assert both["rms_after_without_diagnosis_rad"] == alone["rms_after_rad"]
     assert alone["rms_after_without_diagnosis"] is None
     assert done[-1] == (1000, 1000) and len(done) == len(set(done))
-    # Without a file, a failure or a diagnosis the hexapod's run is that of W_a, to the bit.
+    # The hexapod's run without file, failure or diagnosis equals W_a to the bit.
     run = run_of(tracked(None, path="spiral", duration=0.3, diagnosis="off"))
     rig = hexapod_rig()
     reference = rig.fly(rig.controller(), run["desired"])

@@ -240,9 +240,8 @@ LATER = {
     "more is left": (LOCKED, replace(LOCKED, unexplained=0.81), "unexplained"),
     "no fit": (LOCKED, MISFIT, "unexplained"),
     "nothing has failed": (LOCKED, replace(NULL, inflation=29.0), "withdrawn"),
-    # No hypothesis fits, so a probability means nothing: another event has occurred.
+    # No hypothesis fits, so probabilities are meaningless: another event has occurred.
     "nothing fits": (LOCKED, replace(NULL, inflation=31.0), "confirmed"),
-    # An intermittent actuator has not recovered.
     "it stops again": (AGAIN, replace(AGAIN, energy=1e6), "withdrawn"),
 }
 

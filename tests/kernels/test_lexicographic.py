@@ -215,7 +215,7 @@ def test_enumeration_of_active_sets_finds_no_better_solution(seed, count, heavy)
         for result in starts(rng, batch):
             assert result.ended.all()
             assert max((worst(batch, k, result.x) for k in clear), default=0.0) < 1e-6
-        # Where x meets all rows, so those that are 1e8 times as light as others of their level.
+        # Where x satisfies all rows, including those of 1e-8 times the weight.
         x = rng.normal(size=(heavy, n))
         result = kernel(
             unlimited(replace(batch, levels=[(A, times(A, x)) for A, _ in batch.levels]))
@@ -448,7 +448,7 @@ def test_the_gap_equals_that_of_the_singular_values_within_20():
     assert (result.gap >= true / 20).all()
     inverse = np.where(sigma > least, 1 / sigma, 0.0)
     x = times(V, inverse * times(U.mT, b))
-    # What is left out, up to RANK of the size, turns the others.
+    # Omitted terms, up to RANK of the size, rotate the others.
     large = inverse.max(axis=1)
     off = np.linalg.norm(result.x - x, axis=1) / np.linalg.norm(x, axis=1)
     assert (off < 10 * RANK * large**2 + 1e-13 * large)[true > 1.01].all()

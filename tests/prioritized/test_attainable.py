@@ -48,7 +48,7 @@ def test_the_support_is_the_optimum_over_all_motions_or_equilibria(of, data, sam
     survivors = tuple(limit[kin.actuators] for limit in limits)
     D = sample.rng.permutation(directions(sample.rng, len(major), 3))[:2]
     if rates:
-        # xi of eq. (10) is nobody's to command.
+        # xi of eq. (10) is not commanded.
         closed = np.vstack([system.J_C, np.eye(N)[stuck], spaces.self_motions(system, kin).T])
         select, driven = system.J_T[major], np.eye(N)[kin.active]
     else:
@@ -200,7 +200,7 @@ def test_the_status_explains_a_zero_radius():
     assert_set(pair.attainable([0], (1, 2)), status.EMPTY, 0.0, -np.inf)
     assert_set(pair.attainable([0], ([1, 1], [1, 1])), status.EMPTY, 0.0, -np.inf)
     assert_set(pair.attainable([0], ([1, -1], [1, -1])), status.UNREACHABLE, 0.0, 1.0)
-    # Both may only push, against each other: nothing moves, though each limit alone leaves room.
+    # Both may only push, against each other, so no motion is possible.
     assert_set(pair.attainable([0], (0, 1)), status.NOT_INTERIOR, 0.0, 0.0)
     assert len(pair.attainable([0], (1, 2)).vertices) == 0
     with_a_third = ConstrainedSystem([[1, 0, 0], [0, 0, 1]], [[1, 1, 0]], [0, 1, 2]).kinematics()

@@ -163,7 +163,7 @@ def test_an_interval_with_a_damped_level_holds_or_changes_nothing(seed, damping)
     levels = [Task([0], interval=True), damped, Task([1, 2])]
     result = kin.hierarchy(levels).solve([(low, low + 0.1), v, v])
     np.testing.assert_allclose(result.residuals[0], 0.0, atol=1e-12)
-    # The level after it wants the same without damping, but has nothing left to move.
+    # The next level has the same target without damping, but no remaining motion.
     np.testing.assert_allclose(result.residuals[2], result.residuals[1], atol=1e-12)
     assert result.damping_errors[1] > 0.0
     wide = kin.hierarchy(levels[:2])([(-99.0, 99.0), v])

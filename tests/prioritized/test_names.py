@@ -102,11 +102,11 @@ def test_sentences_contain_the_names_of_the_joints():
     without = ConstrainedSystem(np.eye(1, 5), J_C, [0, 1, 2]).kinematics().manipulability([0])
     assert "(" not in str(without)
     assert report.gaps == without.gaps
-    # The largest share first, and a handful of them.
+    # The largest shares come first, at most five.
     shares = np.array([[3.0, 1, 8, 5, 4, 7, 6, 0.1]])
     eight = of("abcdefgh", ((),) * 8, shares)
     assert "(of c, f, g, d, e and 2 more)" in str(eight.kinematics().manipulability([0]))
-    # A cable called "hip" like the joint is its motor m1, also after a failure of the joint.
+    # The name "hip" of both cable and joint refers to motor m1, also after a failure of the joint.
     meshed = of(("hip", "hip", "rod"), (("m0",), ("m1",)), [[0.0, 1.0, -2.0]])
     failed = meshed.with_failures(locked=["m0"], free=["m1"])
     assert (

@@ -32,7 +32,7 @@ def expect(decision: tuple[bool, float], sigma: float, scale: float) -> None:
     assume(abs(np.log10(distance)) > 0.05)  # round-off moves sigma by 1e-16: 1e-6 of the threshold
     counts, gap = decision
     assert counts == (distance > 1)
-    # At sigma = 1e-14 round-off is a few percent of it.
+    # Round-off is a few percent of sigma = 1e-14.
     assert gap == pytest.approx(max(distance, 1 / distance), rel=0.1)
 
 
@@ -51,30 +51,30 @@ def test_ranks_change_where_singular_values_cross_the_tolerance(seed, nearness, 
     reached = not report.unmanipulable_task, report.gaps["unmanipulable_task"]
     expect(reached, size * small, norm)
 
-    # The same matrix as passive columns of the task: a second direction of self-motion.
+    # As passive columns of the task, the matrix gives a second direction of self-motion.
     task = np.hstack([np.zeros((2, 1)), weak])
     report = ConstrainedSystem(task, None, [0]).kinematics().manipulability([0, 1])
     expect((len(report.bases["unstable"].T) == 2, report.gaps["unstable"]), size * small, norm)
     major = len(report.bases["unstable_major"].T) == 2, report.gaps["unstable_major"]
     expect(major, size * small, norm)  # with every row major, the same decision
 
-    # As passive columns of the loops: a closed loop, or one internal force and one idle joint.
+    # As passive columns of the loops, it closes a loop, or gives an internal force and idle joint.
     loops = np.hstack([np.zeros((2, 1)), weak])
     report = ConstrainedSystem(np.zeros((1, 3)), loops, [0]).kinematics().manipulability([0])
     expect((not report.irresolvable, report.gaps["irresolvable"]), size * small, norm)
     assert report.unobservable == report.irresolvable
 
-    # As active columns: a second forbidden rate.
+    # As active columns, it gives a second constrained rate.
     report = ConstrainedSystem(np.eye(2), weak, [0, 1]).kinematics().manipulability([0])
     bound = len(report.bases["constrained_active"]) == 2, report.gaps["constrained_active"]
     expect(bound, size * small, norm)
 
-    # Mappings: exact, or best in reach; commanded, or borne unseen.
+    # Mappings are exact or nearest; forces are commanded, or borne by the structure.
     velocity, force = velocity_mapping(weak, [0, 1]), force_mapping(weak, [0, 1])
     is_exact = velocity.status is Status.EXACT
     expect((is_exact, float(velocity.gap)), size * small, norm * np.sqrt(2.0))
     assert velocity.rank == 1 + is_exact
-    # Rates stay finite: the singular value is inverted or dropped, never a zero divided by.
+    # Rates are finite, as the singular value is inverted or dropped.
     assert np.abs(velocity.major).max() <= 1.01 / (norm * RANK_TOLERANCE)
     assert force.rank == 2  # any force may be asked for: the structure bears what J does not see
     if abs(np.log10(small / RANK_TOLERANCE)) > 0.5:  # sqrt(2) either way
@@ -271,7 +271,7 @@ def test_the_accuracy_sets_the_tolerance_and_stays_visible():
     failed = dataclasses.replace(system, J_T=2 * np.eye(2)).with_failures(locked=[0])
     assert (failed.geometry_accuracy, failed.rank_tolerance) == (1e-6, system.rank_tolerance)
     assert ConstrainedSystem(np.eye(2), None, [0, 1]).geometry_accuracy is None
-    # Round-off is there however exact the geometry.
+    # Round-off does not depend on the accuracy of the geometry.
     exact = ConstrainedSystem(np.eye(2), None, [0, 1], geometry_accuracy=0.0)
     assert exact.rank_tolerance == RANK_TOLERANCE
 
@@ -361,7 +361,7 @@ def test_a_tilted_mechanism_has_the_classification_of_the_upright_one(
     twist = block_diag(R, R)
     codes = data.draw(st.lists(st.integers(0, 2), min_size=legs, max_size=legs))
     failed = [[k for k in range(legs) if codes[k] == code] for code in (1, 2)]
-    # Directions, not rows: they turn with the mechanism.
+    # Directions rotate with the mechanism, unlike rows.
     major = np.eye(6)[data.draw(st.lists(st.integers(0, 5), min_size=1, max_size=3, unique=True))]
 
     upright = platform(bases, tops).with_failures(*failed)
@@ -370,7 +370,7 @@ def test_a_tilted_mechanism_has_the_classification_of_the_upright_one(
     assume(kin.closure_condition < 1e3)  # beyond 5e3 round-off of the loops may reach a verdict
     report, turned = kin.manipulability(major), turned_kin.manipulability(major @ twist.T)
     assert str(report) == str(turned)  # every flag, and the number of directions of each
-    # A worst gain may be small and is known to round-off of the whole.
+    # A small worst gain has the round-off of the largest one.
     np.testing.assert_allclose(turned.worst_gain, report.worst_gain, atol=1e-8)
 
     turns = {
@@ -385,5 +385,5 @@ def test_a_tilted_mechanism_has_the_classification_of_the_upright_one(
         one, two = report.bases[name], turned.bases[name]
         if name == "constrained_active":
             one, two = one.T, two.T
-        # A null space is known to 1e-16 over the least singular value beside it.
+        # The accuracy of a null space is 1e-16 over the smallest nonzero singular value.
         spaces.assert_same(two, turn @ one)

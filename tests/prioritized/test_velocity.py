@@ -88,7 +88,7 @@ def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, sample):
     targets = [rng.normal(size=size) for size in (len(major), n, len(others))]
     rates = mapping(*targets)
 
-    # xi of eq. (10) is nobody's to command: passive rates take no part in self-motion.
+    # xi of eq. (10) is not commanded: passive rates contain no self-motion.
     hard = np.vstack([spaces.closure(system), spaces.self_motions(system, kin).T])
     J_T, to_rates = system.J_T, np.eye(system.J_T.shape[1])[kin.active]
     W1, W2, T = as_matrix(W1, n), as_matrix(W2, len(others)), as_matrix(T, n)
@@ -102,7 +102,7 @@ def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, sample):
         (to_rates, np.zeros(n)),
     ]
     best = spaces.dense_lexicographic(hard, levels)
-    # The mechanisms are well conditioned up to their chance sub-blocks: 1e-6 leaves these room.
+    # Random sub-blocks may be ill-conditioned, hence the tolerance of 1e-6.
     np.testing.assert_allclose(rates, best[kin.active], atol=1e-6)
     if n:
         np.testing.assert_allclose(kin.passive_rates(rates), best[kin.passive], atol=1e-6)
@@ -179,7 +179,7 @@ def test_damping_bounds_the_rates_near_any_singularity(seed, nearness, small, bo
     assert np.linalg.norm(C @ rates) <= 1e-12 * np.linalg.norm(rates)
     assert mapping.status is Status.DAMPED
     miss = M.T @ M @ mapping.residual(v)
-    # Of J rates, where large terms cancel, in the metric.
+    # Round-off of J rates, where large terms cancel, in the metric.
     round_off = 1e-14 * float((1.0 + np.linalg.norm(rates)) * (1.0 + np.linalg.norm(M, 2) ** 2))
     np.testing.assert_allclose(Z @ J.T @ miss, damping**2 * Z @ rates, rtol=1e-6, atol=round_off)
 

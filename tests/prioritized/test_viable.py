@@ -69,7 +69,7 @@ def kernel(last, slow, fast, down, up):
     rates = np.arange(slow, fast + 1)
     retained = np.ones((last + 1, len(rates)), dtype=bool)
     while True:
-        # next_in[i, k]: whether rate k leads from position i to a state that is still kept
+        # next_in[i, k]: True if rate k leads from position i to a state not yet removed
         next_in = np.zeros_like(retained)
         for column, k in enumerate(rates):
             i = np.arange(max(0, -k), min(last, last - k) + 1)
@@ -244,14 +244,14 @@ def test_the_return_from_far_outside_respects_the_other_limit():
 @pytest.mark.parametrize(
     ("limits", "x", "v", "viable", "lower", "upper"),
     [
-        # Rates outrank positions: at 3 times the rate limit, below the lower position limit.
+        # Rates have priority over positions: 3 times the rate limit, below the position limit.
         ((0.0, 1.0, -1.0, 1.0, -5.0, 5.0), -0.5, 3.0, False, 2.5, 2.5),
-        # Limits count from the next tick on: what is past is past.
+        # Limits apply from the next tick on.
         ((0.0, 1.0, -9.0, 9.0, -5.0, 5.0), 1.01, 0.0, True, -0.5, -0.1),
-        # Four ticks of full braking end at 1 m, less a part of it; round-off is no loss of it.
+        # Four ticks of full braking end at 1 m; round-off must not exclude it.
         ((-1.0, 1.0, -9.0, 9.0, -10.0, 10.0), 0.4 + 1e-14, 4.0, True, 3.0, 3.0),
         ((-1.0, 1.0, -9.0, 9.0, -10.0, 10.0), 0.4 + 1e-9, 4.0, False, 3.0, 3.0),
-        # Without limits of one kind the others are the box.
+        # Without limits of one kind, the others give the box.
         ((-INF, INF, -INF, INF, -INF, INF), 3.0, 4.0, True, -INF, INF),
         ((0.0, 1.0, -INF, INF, -INF, INF), 0.25, 4.0, True, -2.5, 7.5),
         ((-INF, INF, -1.0, 2.0, -INF, INF), 3.0, -70.0, True, -1.0, 2.0),

@@ -28,8 +28,9 @@ def test_the_notebook_is_generated_from_its_script(tmp_path):
     script = tmp_path / f"{notebook.stem}.py"
     script.write_text((ROOT / "examples" / script.name).read_text())
     python_to_jupyter_cli([str(script)])
-    made, kept = (json.loads(file.read_text()) for file in (script.with_suffix(".ipynb"), notebook))
-    assert kept["cells"] == made["cells"]  # beside them is the version of Python
+    files = script.with_suffix(".ipynb"), notebook
+    made, published = (json.loads(file.read_text()) for file in files)
+    assert published["cells"] == made["cells"]  # other entries have the version of Python
 
 
 def printed(name: str, folder: Path) -> list[str]:
@@ -55,17 +56,17 @@ def printed(name: str, folder: Path) -> list[str]:
 
 def numbers(lines: list[str], pattern: str) -> list[float]:
     """Return the number in each line that matches a pattern."""
-    return [float(found[1]) for line in lines if (found := re.search(pattern, line))]
+    return [float(match[1]) for line in lines if (match := re.search(pattern, line))]
 
 
 @pytest.mark.parametrize(
     ("name", "pattern", "expected"),
     [
-        # Six struts that symmetry makes equal share two motions: a projector's diagonal is 2 / 6.
+        # Six equal struts share two motions: the diagonal of the projector is 2 / 6.
         ("hexapod_lock", r"off by ([\d.]+) mrad", [0.333, 0.0]),
-        # Opposite legs share each direction; without one of them the other one holds it alone.
+        # Opposite legs share each direction; without one of them the other bears the whole force.
         ("force", r": (\d+) N in", [200, 100]),
-        # So many joints may lock while rows of the camera, and then the elbow, have a solution.
+        # Numbers of locked joints up to which the camera, then the elbow, has a solution.
         ("hierarchy", r"up to (\d) joints", [5, 2, 1]),
         # Roll and yaw within the faces; Du, Quan, Yang, Cai: PNPNPN has none without a rotor.
         ("multirotor", r"can.* be controlled, ([\d.]+) N m", [1.50, 0.0, 1.20, 0.87]),
@@ -93,29 +94,29 @@ def test_the_speeds_of_the_camera_are_those_of_a_linear_program(tmp_path):
         bounds=[(-1, 1)] * 7 + [(0, None)],
     ).x[-1]
     at_limit = 1 / np.abs(np.linalg.pinv(J) @ d).max()
-    found = numbers(printed("limits", tmp_path), r"up to ([\d.]+) rad/s")
-    np.testing.assert_allclose(found, [at_limit, at_limit, fastest], atol=0.011)
+    speeds = numbers(printed("limits", tmp_path), r"up to ([\d.]+) rad/s")
+    np.testing.assert_allclose(speeds, [at_limit, at_limit, fastest], atol=0.011)
 
 
 def test_a_supervisor_identifies_the_lock_and_has_a_tenth_of_the_error(tmp_path):
     lines = printed("own_arm", tmp_path)
     assert 0.8 < numbers(lines, r"motor4 was identified as locked at ([\d.]+) s")[0] < 1.3
-    unaware, supervised = numbers(lines, r"RMS error ([\d.]+) mrad")
-    assert supervised < 0.1 * unaware
+    undiagnosed, supervised = numbers(lines, r"RMS error ([\d.]+) mrad")
+    assert supervised < 0.1 * undiagnosed
 
 
 def test_both_controllers_track_and_the_supervisor_identifies_the_strut(tmp_path):
     lines = printed("other_controller", tmp_path)
-    mine, supervisor = numbers(lines, r"([\d.]+) µrad RMS")
-    assert supervisor < mine < 100 and "strut1 was identified as locked at 1.0" in lines[1]
+    other, supervisor = numbers(lines, r"([\d.]+) µrad RMS")
+    assert supervisor < other < 100 and "strut1 was identified as locked at 1.0" in lines[1]
 
 
 def test_only_the_locked_motor_of_the_recorded_arm_is_at_rest(tmp_path):
     printed("recording", tmp_path)
     with np.load(tmp_path / "recording.npz") as run:
         moved = run["displacement"][1050:]
-    stands = np.abs(moved - moved[0]).max(axis=0) < 1e-4  # [rad], after the lock
-    assert stands.tolist() == [False, True, *[False] * 5]
+    at_rest = np.abs(moved - moved[0]).max(axis=0) < 1e-4  # [rad], after the lock
+    assert at_rest.tolist() == [False, True, *[False] * 5]
 
 
 @pytest.mark.parametrize("name", ["ik_arm", "ik_mobile", "ik_humanoid", "ik_quadruped"])

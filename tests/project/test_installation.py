@@ -90,7 +90,7 @@ def test_both_names_in_a_checkout_are_one_object():
 def test_the_packages_of_fjh_are_the_folders_of_the_wheel():
     packages = {name for name in fjh.__all__ if isinstance(getattr(fjh, name), ModuleType)}
     assert packages == {"experiments", "ftc", "prioritized", "sim"} < set(FOLDERS)
-    assert set(FOLDERS) - {"models"} == set(fjh._checkout.FOLDERS)  # models are no Python
+    assert set(FOLDERS) - {"models"} == set(fjh._checkout.FOLDERS)  # models contain no Python
 
 
 @pytest.mark.parametrize("name", fjh.__all__)
@@ -119,7 +119,7 @@ def test_a_folder_that_hides_a_package_of_the_checkout_is_reported(tmp_path):
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_the_command_reports_a_missing_extra(monkeypatch, capsys, package):
-    monkeypatch.setitem(sys.modules, package, None)  # what an import of it meets
+    monkeypatch.setitem(sys.modules, package, None)  # its import then fails
     with pytest.raises(SystemExit) as end:
         run()
     assert end.value.code == 2
@@ -152,12 +152,12 @@ def test_a_rig_needs_only_the_extra_sim(tmp_path):
     code = f"""
 import sys
 
-class Refused:
+class Missing:
     def find_spec(self, name, path=None, target=None):
         if name.split(".")[0] in {NOT_OF_SIM}:
             raise ImportError(name)
 
-sys.meta_path.insert(0, Refused())
+sys.meta_path.insert(0, Missing())
 from fjh.rig import Rig
 rig = Rig.hexapod()
 print(rig.fly(rig.controller(), [[0.0, 0.0]]).status)

@@ -80,14 +80,14 @@ def test_the_command_line_accepts_every_command_of_a_page(page):
     """Names, options and their values are parsed; no command is run."""
     app = typer.main.get_command(app_of(*LINES))
     for line in "".join(code(str(page), "sh")).splitlines():
-        program, *words = shlex.split(line, comments=True) or [""]
+        program, *arguments = shlex.split(line, comments=True) or [""]
         if Path(program).name == "fjh":
-            found: Any = app
-            context = found.make_context("fjh", words)
-            while hasattr(found, "resolve_command"):
-                words = [*context._protected_args, *context.args]
-                _, found, words = found.resolve_command(context, words)
-                context = found.make_context(found.name, words, parent=context)
+            parser: Any = app
+            context = parser.make_context("fjh", arguments)
+            while hasattr(parser, "resolve_command"):
+                arguments = [*context._protected_args, *context.args]
+                _, parser, arguments = parser.resolve_command(context, arguments)
+                context = parser.make_context(parser.name, arguments, parent=context)
 
 
 @pytest.mark.parametrize("robot", ["unknown_arm", "unnamed_gantry"])
@@ -99,10 +99,10 @@ def test_the_code_of_the_readme_works_for_other_robots(robot, tmp_path, monkeypa
         "unknown_arm": ('"tool"', "j2", "major=[4, 5]"),
         "unnamed_gantry": ("3", "car", "major=[3, 4], noise=1.0, crossover=0.5"),
     }[robot]
-    own = code("README.md", "python")[0].replace('fjh.MODELS / "arm.xml"', '"yours.xml"')
-    own = own.replace("motor4", joint).replace('"payload"', site)
+    changed = code("README.md", "python")[0].replace('fjh.MODELS / "arm.xml"', '"yours.xml"')
+    changed = changed.replace("motor4", joint).replace('"payload"', site)
     names: dict = {}
-    exec(own.replace('major=["x", "y", "z"]', rig), names)
+    exec(changed.replace('major=["x", "y", "z"]', rig), names)
     printed = capsys.readouterr().out
     if robot == "unknown_arm":
         assert printed.startswith("m2 was identified as locked at 2.")
@@ -148,11 +148,11 @@ def test_the_study_of_the_page_writes_its_files_and_its_checks_can_fail(names_of
     runs = pd.DataFrame(summary["runs"])
     assert 0 < np.ptp(runs.alpha_rms_urad) < 0.05 * runs.alpha_rms_urad[0]
     assert [each.passed for each in names["checks"](runs)] == [True] * 4
-    for spoilt, kept in (
+    for spoilt, passed in (
         ({"alpha_rms_urad": 1.06 * runs.alpha_rms_urad}, [False, False, True, True]),
         ({"gap_m": 1e-6}, [True, True, False, False]),
     ):
-        assert [each.passed for each in names["checks"](runs.assign(**spoilt))] == kept
+        assert [each.passed for each in names["checks"](runs.assign(**spoilt))] == passed
 
 
 @pytest.mark.parametrize("name", ["fjh", "arm", "arms", "hand", "platform"])

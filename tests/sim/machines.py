@@ -133,7 +133,7 @@ CASES = {
     "site with refsite": Case(
         '<motor name="m" site="tool" refsite="post" gear="3 0 -4 0 0 0"/>', [("m", ("m",), (5.0,))]
     ),
-    # Without a length, or with one whose slope is not the velocity, as the rotation vector's.
+    # Drives without a length, or with one whose slope is not the velocity (rotation vector).
     "site": Case('<motor name="m" site="tool" gear="0 3 0 4 0 0"/>', [("m", ("m",), (5.0,))]),
     "turn of a site": Case(
         '<motor name="m" site="tool" refsite="post" gear="0 0 0 0 -1 0"/>', [("m", ("m",), (1.0,))]

@@ -237,7 +237,7 @@ def test_in_another_unit_of_length_the_natural_errors_are_the_same(unit):
     assert b is not None
     assert b.structure.length == pytest.approx(a.structure.length * 10.0**unit, rel=1e-9)
     assert b.error_bound == pytest.approx(a.error_bound, rel=1e-6)
-    # The slide of 0.3 m is not that of 0.3 of another unit: its joint, and its place, differ.
+    # A slide of 0.3 m differs from one of 0.3 of another unit in joint and place.
     turns = [0, 1, 2, 4]
     np.testing.assert_allclose(
         b.J_T_error[:3, turns], a.J_T_error[:3, turns], rtol=1e-5, atol=1e-12

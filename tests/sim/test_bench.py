@@ -42,7 +42,7 @@ def test_a_closed_cycle_dissipates_what_its_friction_does(seed, amplitude, steps
     path = cycle(amplitude, steps, 3)
     closed = slice(steps, None)
     force, x = driven(slip, path)[closed], path[closed]
-    # Between two steps the force is that of elements that stretch, then slip: not a trapezoid.
+    # Elements stretch, then slip between two steps, so the force is no trapezoid.
     k, s = slip.stiffness, slip.slip
     friction = (4 * k * s * np.maximum(amplitude - s, 0)).sum(axis=1)
     if steps >= 50:
@@ -69,7 +69,7 @@ def test_after_a_turn_the_loop_is_the_first_curve_twice_as_large(seed):
     first = driven(slip, rise)
     path = np.vstack([rise, rise[-1] - 2 * rise[1:]])
     back = driven(slip, path)[40:] - first[-1]
-    # It holds where all that slipped before has turned round: at once, as none was left behind.
+    # The rule holds at once, since all slipped elements have reversed.
     np.testing.assert_allclose(back, -2 * first, atol=1e-9)
 
 
@@ -97,7 +97,7 @@ def test_a_delay_shifts_the_response_by_as_many_ticks(late):
     at_once = simulated(commands)
     delayed = simulated(commands, delay_ticks=late)
     still = simulated(np.zeros((late + 1, 6)))
-    # While nothing has come the plant rests, but for the last picometres of settling.
+    # The plant rests before the first command, up to picometres of settling.
     np.testing.assert_array_equal(delayed[: late + 1], still)
     np.testing.assert_allclose(delayed[late:], at_once[:-late], atol=1e-11)
     assert np.abs(delayed[1:] - at_once[1:]).max() > 1e-6

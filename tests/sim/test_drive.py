@@ -178,7 +178,7 @@ MUSCLE = '<muscle name="{}" joint="a" gear="{}" lengthrange="-1 1"/>'
         (MUSCLE.format("m", -1), 1),
         (MUSCLE.format("m", 1) + MUSCLE.format("n", -2), 0),
         ('<motor tendon="cable" ctrlrange="-1 0"/><motor tendon="cable" ctrlrange="0 1"/>', 0),
-        # Its velocity is along the gear.
+        # The velocity is along the gear.
         ('<motor site="tool" gear="0 0 -1 0 0 0" ctrlrange="0 1"/>', 1),
     ],
 )
@@ -237,7 +237,7 @@ def test_actuators_that_move_nothing_are_rejected_with_the_remedy(actuators, mes
     with pytest.raises(ModelError, match=message) as caught:
         arm(actuators)
     assert "\n" not in str(caught.value)
-    # A remedy that a message names.
+    # The remedy in a message works.
     pad = '<adhesion name="pad" body="lower" gain="1" ctrlrange="0 1" group="3"/>'
     assert arm(PAIR + pad, disabled=1 << 3).active.tolist() == [0, 3]
 

@@ -115,7 +115,7 @@ def test_a_frame_turns_to_its_target_about_one_axis(seed):
     turned = Rotation.from_rotvec(error[:3]).as_matrix() @ hand.xmat.reshape(3, 3)
     np.testing.assert_allclose(turned, TURNED.rotation)
     np.testing.assert_allclose(hand.xpos + error[3:], POINT)
-    # A position leaves the rotation as it is.
+    # A position does not change the rotation.
     assert not FrameTask("right_hand", target=POINT).on(model).error(model, data)[:3].any()
     task = RelativeFrameTask("right_hand", "left_foot", target=TURNED)
     R = data.site("left_foot").xmat.reshape(3, 3)
@@ -298,7 +298,7 @@ def test_rows_of_several_tasks_are_stacked_and_indexed_by_task():
     for task in tasks:
         alone = jacobians(of, data, task, "room")
         np.testing.assert_array_equal(jac.J_T[jac.rows[task]], alone.J_T)
-    # What two frames share, the floating trunk, does not move one relative to the other.
+    # The floating trunk of two frames does not move them relative to each other.
     between = jac.J_T[jac.rows[Relative("left", "right")]]
     assert np.abs(between[:, :6]).max() < 1e-14 < 0.1 < np.abs(between).max()
 

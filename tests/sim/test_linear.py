@@ -26,7 +26,7 @@ def test_a_pendulum_swings_with_the_frequency_of_its_length():
       <equality><connect body1="rod" body2="bob" anchor="0 0 -0.5"/></equality></mujoco>""")
     linear = linearize(model, mujoco.MjData(model))
     assert linear.A.shape == (2, 2)
-    # The rod's own mass and the finite differences leave 1e-6.
+    # The rod's own mass and the finite differences contribute 1e-6.
     assert -linear.A[1, 0] == pytest.approx(9.81 / 0.5, rel=1e-5)
 
 

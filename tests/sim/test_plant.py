@@ -100,7 +100,7 @@ def test_payload_stiffness_is_that_of_the_springs_through_the_jacobian(model):
     size = np.array([0.1, 0.1, 0.1, 1.0, 1.0, 1.0])
     moved = [payload_displacement(model, wrench) - unloaded for wrench in np.diag(size)]
     measured = np.linalg.inv(np.array(moved).T / size)
-    # Lengths as of the strut put rotation and translation in one unit.
+    # The strut's length converts rotation and translation to one unit.
     unit = np.diag([1 / 0.4064] * 3 + [1.0] * 3)
     measured, springs, full = (unit @ K @ unit for K in (measured, springs, oracle.K))
     assert np.linalg.norm(measured - springs) < 5e-3 * np.linalg.norm(springs)
@@ -111,7 +111,7 @@ def test_modes_of_the_linearized_plant_are_those_of_the_closed_form(model):
     plant = Plant(model)
     frequency, damping = modes_of(linearize(plant.model, plant.data).A)
     expected_frequency, expected_damping = closed_form(model).modes()
-    # 0.05 % off, both.
+    # Both differ by 0.05 %.
     np.testing.assert_allclose(frequency, expected_frequency, rtol=1e-3)
     np.testing.assert_allclose(damping, expected_damping, rtol=1e-3)
 
@@ -138,7 +138,7 @@ def test_without_damping_energy_is_conserved_at_every_step(model, mode, seconds)
     energy_at_rest = data.energy[0]
     shape, momentum = mode_shapes()[mode], np.empty(model.nv)
     mujoco.mj_mulM(undamped, data, momentum, shape)
-    # Equal modes have no shape of their own: the energy put in does not depend on the one taken.
+    # The shapes of equal modes are arbitrary; the initial energy is not.
     data.qvel[:] = shape * np.sqrt(2.0 * 5e-6 / (shape @ momentum))
 
     energy = []
@@ -146,7 +146,7 @@ def test_without_damping_energy_is_conserved_at_every_step(model, mode, seconds)
         before = data.qvel.copy()
         mujoco.mj_step(undamped, data)  # data.energy[0] is of the position it started from
         centred = (before + data.qvel) / 2
-        # Positions and velocities of semi-implicit Euler stand half a step apart.
+        # Positions and velocities of semi-implicit Euler differ by half a step.
         mujoco.mj_mulM(undamped, data, momentum, centred)
         energy.append(data.energy[0] - energy_at_rest + centred @ momentum / 2)
     np.testing.assert_allclose(energy, energy[0], rtol=0.01)
@@ -159,7 +159,7 @@ def test_halving_the_time_step_changes_no_rms_error_by_a_hundredth_percent(model
     half = copy.copy(model)
     half.opt.timestep /= 2
     testbed = Testbed(half, TestbedConfig(), nominal_loops(model, TestbedConfig()))
-    # The constant Jacobian is cheaper, and moves no RMS by more than 5e-5 urad.
+    # The constant Jacobian is faster, and changes no RMS by more than 5e-5 urad.
     rig, path = hexapod_rig(testbed), testbed.bench.spiral_rad()
     calls = [
         {"controller": rig.controller(c.goal), "path": path, "failures": c.failures}
@@ -171,7 +171,7 @@ def test_halving_the_time_step_changes_no_rms_error_by_a_hundredth_percent(model
         published = table1["by_name"][column.name]
         whole = [published[f"{angle}_rms_urad"] for angle in ("alpha", "beta")]
         np.testing.assert_allclose(1e6 * run.rms(), whole, rtol=1e-4)
-        # Another step is another run: the comparison is not one of a run with itself.
+        # Other time steps must give different runs.
         assert np.abs(1e6 * run.rms() - whole).min() > 0
 
 
@@ -219,7 +219,7 @@ def test_each_of_mujocos_warnings_of_a_non_finite_state_ends_the_run(model):
 @pytest.mark.parametrize("flag", ['autoreset="disable"', ""])
 def test_a_plant_that_turns_non_finite_stops_with_its_time_and_state(flag):
     """MuJoCo's automatic reset in a file, which would lose the state, is disabled."""
-    # Dampers that an explicit step of a millisecond cannot follow.
+    # An explicit step of a millisecond is unstable with these dampers.
     too_fast = (('timestep="1.25e-4"', 'timestep="1e-3"'), ('damping="110"', 'damping="2000"'))
     plant = Plant(model_of(HEXAPOD, ('autoreset="disable"', flag), *too_fast))
     with pytest.raises(SimulationDiverged) as caught:

@@ -108,7 +108,7 @@ def test_objects_a_hand_and_a_second_arm_come_to_rest_and_the_arm_stays(tmp_path
     before = plant.data.qpos.copy()
     assert np.abs(moved(plant, 0.0, 0.0)).max() < 1e-6
     assert np.abs(plant.data.qpos - before)[scene.part.positions].max() < 1e-6
-    # What is commanded is the part alone: all else keeps the controls with which it came to rest.
+    # Only the part is commanded; other controls keep the values of the equilibrium.
     assert [drive.name for drive in plant.drives] == ["shoulder", "elbow"]
     np.testing.assert_allclose(moved(plant, 0.01, 0.0), [0.01, 0.0], atol=1e-3)
     np.testing.assert_allclose(plant.data.ctrl[2:], scene.start.ctrl[2:])

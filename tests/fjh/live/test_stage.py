@@ -37,6 +37,6 @@ def test_hexapod_is_drawn_in_its_pointing_direction():
     at_rest, position = pointer.at(np.array([[0.0, 0.0], live.motion(slice(39, 40))[2][0]]), 1.0)
     lever = at_rest - live.frame[0]
     moved = turned @ start.T @ lever
-    # To first order: angles of microradians.
+    # Angles are of microradians, so first order is exact.
     np.testing.assert_allclose(position - live.frame[0], moved, atol=1e-9)
     assert np.linalg.norm(moved - lever) > 1e-7

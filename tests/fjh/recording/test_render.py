@@ -57,7 +57,7 @@ def test_every_view_of_a_recording_has_content(viewer, request, study, name, exp
     for view in views:
         image = pixels(viewer.take_screenshot(view.view_id))
         text = view.view_class not in ("TimeSeries", "2D")
-        # A thin straight line across a plot fills twice this share of it.
+        # A thin straight line across a plot covers twice this share.
         assert content(image, text=text) > 2e-4, view.origin
     assert set(expected.split()) <= {view.origin for view in views}
     assert complaints(viewer) == []

@@ -141,7 +141,7 @@ def test_the_loop_gain_error_is_the_slope_of_pointing_by_command():
     ahead, behind = (forward_kinematics(machine(), strut_m + each) for each in (step, -step))
     slope = (pointing_angles(ahead.rotation) - pointing_angles(behind.rotation)) / 2e-7
     error = np.linalg.norm(slope.T - np.eye(2), 2)
-    # The rates of the two angles are those of the twist but for the tilt itself, squared.
+    # Rates of the two angles are those of the twist up to the tilt squared.
     assert loop_gain_error(constant, strut_m) == pytest.approx(error, rel=0.2)
     assert loop_gain_error(constant, np.zeros((1, 6))) < 1e-12
 

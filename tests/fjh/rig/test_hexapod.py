@@ -35,7 +35,7 @@ def test_the_jacobian_of_the_model_is_eq_39_signs_included(model):
     assert np.linalg.cond(kin.J) == pytest.approx(paper.CONDITION_NUMBER, abs=0.005)
     A = hexapod(model).inverse_jacobian(NOMINAL)
     np.testing.assert_allclose(A @ kin.J, np.eye(6), atol=1e-12)
-    # The paper's Diag[10, 10, 1, 1] must fall on the translations across the line of sight.
+    # The paper's Diag[10, 10, 1, 1] weights translations across the line of sight.
     assert [*MAJOR, *SECONDARY] == [0, 1, 3, 4, 5, 2]
 
 
@@ -62,7 +62,7 @@ def test_commanded_displacements_point_at_the_demand(model, locked):
     assert all(command[k] == 0.0 for k in locked)
     lengths = command + [locked.get(k, 0.0) for k in range(6)]
     np.testing.assert_allclose(machine.displacements(pose), lengths, atol=1e-12)
-    # J(x) l against the true x: the difference is of second order in the displacement.
+    # J(x) l differs from the true x by second order in the displacement.
     scale = np.abs(lengths).max()
     np.testing.assert_allclose(pointing_angles(pose.rotation), target, atol=50 * scale**2 + 1e-9)
     less, more = (
@@ -177,7 +177,7 @@ def test_a_strut_at_its_limit_rests_there_with_the_stated_current(model, amplifi
         current_a = plant.coil_force_n()[strut] / amplifier.newton_per_a
         stated_a = (2 * side - 1) * min(most_a, amplifier.limit_a)
         assert plant.displacements()[strut] == pytest.approx(limit_m, rel=2e-3)
-        # Half a step of the converter; a whole one at the upper end of its codes.
+        # The error is half a step of the converter, one step at its upper end.
         step_a = amplifier.full_input_a / 2 ** (amplifier.bits - 1)
         assert current_a == pytest.approx(stated_a, abs=1.01 * step_a)
 

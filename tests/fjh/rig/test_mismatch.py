@@ -261,7 +261,7 @@ def test_a_sampled_plant_moves_as_its_linear_model_one_tick_late(one, seed):
     linear = linearize(plant_rig.machine.model, Plant(plant_rig.machine.model).data)
     late = np.vstack([np.zeros((1, 6)), commands[:-1]])
     predicted = response(linear.A, linear.B, linear.C_active, late)
-    # Besides the quantization the error is the integrator's, below 1 % of the modes.
+    # The error of quantization and integrator is below 1 % of the modes.
     off = np.abs(bench.displacement - predicted)
     assert off.max() < 0.01 * np.abs(bench.displacement).max()
 
@@ -320,6 +320,6 @@ def test_hysteresis_balances_its_chain_along_a_complete_loop(one):
         chain.append(slip.force(stretch))
     k = one.model.jnt_stiffness[one.model.actuator_trnid[:, 0]]
     missing = k * commands - 0.9 * k * bench.displacement + np.array(chain)
-    # What is missing is inertia, damping and the flexures, all small at this speed.
+    # Inertia, damping and flexures are neglected, as they are small at this speed.
     assert np.abs(missing).max() < 0.05 * np.abs(k * commands).max()
     assert np.abs(np.array(chain)).max() > 0.03 * np.abs(k * commands).max()

@@ -17,7 +17,7 @@ from fjh.recording.file import RecordingInfo, log_series, recording_file, screen
 from fjh.study import provenance
 from fjh.study.errors import OutputError
 from fjh.study.files import published, write_arrays, write_index, write_json
-from tests.made import keep_made
+from tests.synthetic import write_synthetic_run
 
 BYTES = 512
 """Largest file size [bytes] on the simulated full disk."""
@@ -127,7 +127,7 @@ def test_no_truncated_file_is_published(tmp_path, name):
 
 
 def test_review_on_a_full_disk_is_one_sentence_and_no_file(tmp_path, capfd):
-    keep_made(tmp_path)
+    write_synthetic_run(tmp_path)
     out = tmp_path / "new" / "review.rrd"
     with full_disk():
         assert main(["review", str(tmp_path), "--out", str(out)]) == 2

@@ -130,7 +130,7 @@ NAN, ARM_FILE = np.nan, MODELS / "arm.xml"
 CALLS: dict[str, Callable[..., Any]] = {
     "made": Rig.hexapod,
     "loaded": lambda **given: Rig.of_mjcf(**{"file": ARM_FILE, "major": [0, 1]} | given),
-    "flown": simulated,
+    "simulated": simulated,
     "path": lambda **given: known("hexapod").path(**{"name": "circle", "duration_s": 0.01} | given),
     "predicted": lambda **given: known("hexapod").predict(
         np.zeros((3, 2)), failures=FAILURES, **given
@@ -144,21 +144,27 @@ LOST = [Event("nan", 0.0)]
 SHORT, MISSING = np.zeros(1), np.full(2, NAN)
 TABLE: list[tuple[type[Exception], str, str, list[Any], str]] = [
     *((ValueError, made, "seed", [*NUMBERS, None, -1], "^seed must") for made in MADE),
-    (ValueError, "flown", "path", [np.full((3, 2), 1e20)], r"^path must be at most 10000 rad or m"),
-    (ValueError, "flown", "path", [np.zeros((0, 2))], "^path must have a row"),
+    (
+        ValueError,
+        "simulated",
+        "path",
+        [np.full((3, 2), 1e20)],
+        r"^path must be at most 10000 rad or m",
+    ),
+    (ValueError, "simulated", "path", [np.zeros((0, 2))], "^path must have a row"),
     (ValueError, "predicted", "told", [[], [None, None], [-1.0], [0.0]], "^told must"),
     (ValueError, "event", "name", ["bmp", ""], "^there is no event"),
-    # Hooks: which one, and when.
-    (ValueError, "flown", "events", [Hook(sent=lambda *_: SHORT)], f"^{SENT}"),
-    (ValueError, "flown", "events", [Hook(sent=lambda _, u: NAN * u)], f"{SENT} .*finite"),
-    (ValueError, "flown", "events", [reads(output=SHORT)], f"^output of {READ}"),
-    (ValueError, "flown", "events", [reads(output=MISSING), LOST], "^the controller must run"),
-    (TypeError, "flown", "events", [Hook(sent=5)], r"^events\.sent must be a function"),
-    (TypeError, "flown", "events", [Hook(plant=lambda tick: None)], r"^events\.plant .*model"),
-    (TypeError, "flown", "events", [Hook(measured=lambda *_: 5)], f"^{READ}"),
-    (TypeError, "flown", "events", ["bump", ["bump"]], r'must .*fjh\.Event\("bump", 1\.5\)'),
-    (TypeError, "flown", "events", ["locked"], r'fjh\.Event\("locked", 1\.5, "ACTUATOR"\)'),
-    (TypeError, "flown", "events", [Event("bump", 0.1), [None], object(), 5], "^events must"),
+    # Hooks are reported with their name and tick.
+    (ValueError, "simulated", "events", [Hook(sent=lambda *_: SHORT)], f"^{SENT}"),
+    (ValueError, "simulated", "events", [Hook(sent=lambda _, u: NAN * u)], f"{SENT} .*finite"),
+    (ValueError, "simulated", "events", [reads(output=SHORT)], f"^output of {READ}"),
+    (ValueError, "simulated", "events", [reads(output=MISSING), LOST], "^the controller must run"),
+    (TypeError, "simulated", "events", [Hook(sent=5)], r"^events\.sent must be a function"),
+    (TypeError, "simulated", "events", [Hook(plant=lambda tick: None)], r"^events\.plant .*model"),
+    (TypeError, "simulated", "events", [Hook(measured=lambda *_: 5)], f"^{READ}"),
+    (TypeError, "simulated", "events", ["bump", ["bump"]], r'must .*fjh\.Event\("bump", 1\.5\)'),
+    (TypeError, "simulated", "events", ["locked"], r'fjh\.Event\("locked", 1\.5, "ACTUATOR"\)'),
+    (TypeError, "simulated", "events", [Event("bump", 0.1), [None], object(), 5], "^events must"),
     (TypeError, "loaded", "cross_over", [5.0], "no argument cross_over; did you mean .crossover"),
     (TypeError, "loaded", "file", [None, 5], "^file must"),
     (TypeError, "loaded", "site", [None, NAN, []], "^site must"),
@@ -167,7 +173,7 @@ TABLE: list[tuple[type[Exception], str, str, list[Any], str]] = [
     (TypeError, "event", "name", [None, 5, ["bump"]], "^name must"),
     (TypeError, "recorded", "path", [None], "^path must"),
     (TypeError, "recorded", "rig", [None, 5], "^rig must"),
-    # What the words of a command refuse, too.
+    # Commands reject these values, too.
     (WrongInput, "loaded", "limits", ["some"], "^limits must be one of stated, none"),
     (WrongInput, "loaded", "major", ["x,w", [], [0, 6]], "^major must be different"),
     (WrongInput, "loaded", "servo_hz", [-1.0], "^servo_hz must"),
@@ -176,7 +182,7 @@ TABLE: list[tuple[type[Exception], str, str, list[Any], str]] = [
     (WrongInput, "loaded", "start", ["home", "9", -1], "^the model has no keyframe .*it has none"),
     (WrongInput, "made", "size", [*NUMBERS, 0.0, -1], "^size must"),
     (WrongInput, "path", "name", ["cirle"], "^path must be spiral, .* did you mean .circle"),
-    (WrongInput, "flown", "failures", [[Failure("strut9", "locked")]], "strut9"),
+    (WrongInput, "simulated", "failures", [[Failure("strut9", "locked")]], "strut9"),
 ]
 """Error, function, argument, values of it, and pattern of the message."""
 

@@ -34,7 +34,7 @@ TABLE: list[tuple[str, str, Any, str]] = [
     ("velocity_mapping", "secondary", [1, 1], "must not repeat"),
     ("velocity_mapping", "major_metric", [0.0], "must weigh every major direction"),
     *(("velocity_mapping", f"{of}_weight", np.zeros(0), "shape") for of in ("joint", "secondary")),
-    # It would cancel the major force, and every torque would come out zero.
+    # It would cancel the major force, and every torque would be zero.
     *(("force_mapping", "secondary", along, "must exclude the major") for along in ALONG),
     *(("system", "stiffness", *row) for row in NO_METRIC),
     *(("kinematics", "passive_metric", *row) for row in NO_METRIC),
