@@ -1,4 +1,4 @@
-"""Artificial short run and study for tests of files, without a simulation."""
+"""Synthetic short run and study for tests of files, without a simulation."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -23,7 +23,7 @@ ABOUT = About("made", "made-seed0", notes=["Made."], parameters={"seed": 0})
 
 @cache
 def hexapod() -> Rig:
-    """Return the rig of the artificial runs."""
+    """Return the rig of the synthetic run."""
     return Rig.hexapod()
 
 
@@ -67,7 +67,7 @@ def write_synthetic_run(folder: Path, name: str = "made", *, locked: bool = True
 def synthetic_view(
     *incidents: Change, diagnoses: Sequence[Change] = (), **arrays: np.ndarray
 ) -> RunView:
-    """Create the view of an artificial run with some incidents and changed arrays."""
+    """Create the view of a synthetic run with some incidents and changed arrays."""
     rig, own = hexapod(), hexapod_arrays(synthetic_run()) | arrays
     stated = replace(stated_of(rig), incidents=list(incidents), diagnoses=list(diagnoses))
     return RunView(stated, as_run_arrays(own), rig.model)

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from sim import MODELS, Body, jacobians
-from tools.public_robots.page import BEGIN, COLUMNS, END, page, table
+from tools.public_robots.page import COLUMNS, END, START, page, table
 from tools.public_robots.registry import files
 from tools.public_robots.stripping import stripped
 from tools.public_robots.task_frame import task_frame
@@ -118,11 +118,11 @@ def test_results_become_lines_of_a_csv_file_and_totals_on_the_page():
     numbers |= {"of_path": 0.05, "wrong": [], "named_after_ms": 80}
     done: dict = {"package": "dm-control", "name": "arm", "stage": None, "load": {"actuators": 2}}
     done |= {"rig": {"rows": [3, 4], "warnings": []}, "healthy": numbers, "lock": numbers}
-    refused = {"package": "dm-control", "name": "hand", "stage": "rig", "refused": "no task"}
-    text = page(f"above\n{BEGIN}old\n{END}\nbelow\n", [done, refused], "Conditions.")
-    assert text.startswith(f"above\n{BEGIN}Conditions.\n") and text.endswith(f"{END}\nbelow\n")
+    rejected = {"package": "dm-control", "name": "hand", "stage": "rig", "refused": "no task"}
+    text = page(f"above\n{START}old\n{END}\nbelow\n", [done, rejected], "Conditions.")
+    assert text.startswith(f"above\n{START}Conditions.\n") and text.endswith(f"{END}\nbelow\n")
     assert "2 models: 1 completed both runs, 1 were refused" in text and "old" not in text
-    rows = list(csv.DictReader(io.StringIO(table([done, refused]))))
+    rows = list(csv.DictReader(io.StringIO(table([done, rejected]))))
     assert [row["outcome"] for row in rows] == ["completed", "refused"]
     assert rows[0]["measured_over_predicted"] == "1.00" and rows[1]["message"] == "rig: no task"
     published = (Path(__file__).parents[2] / "docs/data/robots.csv").read_text()

@@ -1,4 +1,4 @@
-"""Named events: each changes the machine as documented, from its time on and not before."""
+"""Tests of named events: each changes the machine as documented, from its time on."""
 
 from collections.abc import Callable, Sequence
 from copy import copy
@@ -147,7 +147,7 @@ def test_a_released_lock_is_fixed_until_it_opens(quiet):
 
 
 def test_a_coil_has_the_documented_fraction_of_its_force():
-    """Before and after the event as well: the force depends on the current alone."""
+    """The force depends on the current alone, also before and after the event."""
     tick = np.arange(420)
     started, since = tick >= ONSET, np.maximum(tick - ONSET, 0)
     parts = {
@@ -179,7 +179,7 @@ def test_two_actuators_lock_at_once_and_a_lock_comes_after_a_bump():
 
 
 def test_a_bump_gives_the_load_its_impulse(gantry):
-    """Before a soft servo reacts, m v is force times time: 5/54 of the weight for 5 ms."""
+    """The impulse m v is force times time before a servo reacts: 5/54 of the weight for 5 ms."""
     run = run_blind(gantry, [Event("bump", 0.02)], ticks=26, peak=0.0)
     momentum = MASS_KG * np.diff(run.displacement, axis=0)[-1] / gantry.period_s
     assert np.linalg.norm(momentum) == pytest.approx(5 / 54 * 3.0 * 9.81 * 5e-3, rel=0.1)
@@ -227,7 +227,7 @@ def test_on_a_vibrating_floor_each_axis_responds_as_an_oscillator(gantry):
 
 
 def test_a_heavier_load_accelerates_less(gantry):
-    """Only z carries the load: its acceleration at a step of the input is kp u / m."""
+    """The acceleration of z, which alone carries the load, at a step of the input is kp u / m."""
     without, *changed = (
         run_blind(gantry, [Event(name, 0.0)], ticks=4, hz=0.0, peak=1e-3).displacement[1, 2]
         for name in ("noisy", "heavier", "lighter")
@@ -247,7 +247,7 @@ def test_an_actuator_below_its_dry_friction_is_stationary(gantry):
 
 
 def test_ten_times_the_damping_needs_ten_times_the_force(gantry):
-    """Only the servo's damper damps z: its force at a given speed."""
+    """The servo's damper alone damps z: its force at a given speed."""
     changed = copy(gantry.model)
     hook: Any = events_of(gantry, [event("damped", 0.0)])[0]
     hook.plant(0, changed, mujoco.MjData(changed))
