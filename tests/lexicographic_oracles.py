@@ -1,13 +1,13 @@
 """Oracles of bounded lexicographic least squares: simple, slow, and independent of the library.
 
 Given levels (A_1, b_1), (A_2, b_2), ..., bounds lower <= x <= upper, and perhaps rows G with
-lo <= G x <= hi: among the x that keep bounds and rows, minimize |A_1 x - b_1|; among the
-minimizers, |A_2 x - b_2|; and so on; last of all |x|. Bounds may be infinite or equal. All that is
-unique is the answer x, and A_k x of each level.
+lo <= G x <= hi: among the x within bounds and rows, minimize |A_1 x - b_1|; among the minimizers,
+|A_2 x - b_2|; and so on; finally |x|. Bounds may be infinite or equal. The solution x and A_k x of
+each level are unique, other quantities are not.
 
-Ranks are decided at `RANK` relative to each level's own A. What is nearly singular must stay well
-above, and what is singular is at round-off. Bounds, and what x comes out, should be of size one:
-tolerances are relative to 1 + |x|.
+Ranks are decided at `RANK` relative to each level's own A: nearly singular problems must be well
+above, singular ones at round-off. Bounds and x should be of size one, as tolerances are relative
+to 1 + |x|.
 """
 
 import itertools

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.long
 
 @pytest.fixture
 def results(request, name) -> Results:
-    """Results of the study of this name, of its short version except at night."""
+    """Results of the study of this name, of its short version except in night runs."""
     if name in AT_NIGHT and not request.node.get_closest_marker("night"):
         return Results(request.getfixturevalue("smaller_study")(name), name)
     return Results(request.getfixturevalue(f"{name}_folder"), name)

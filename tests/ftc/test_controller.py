@@ -91,7 +91,7 @@ def test_a_transfer_during_a_transfer_and_with_a_dither_is_bumpless():
 
 
 def test_the_command_of_a_known_weak_actuator_is_scaled():
-    """Twice the command at half the force gives the same displacement, pose and transfer."""
+    """A doubled command at half the force gives the same displacement, pose and transfer."""
     aware = controller(replace(EQUAL, effectiveness={4: 0.5}))
     expected, state = out(), pulled(aware)
     twice = expected.inputs * [1, 1, 1, 1, 2, 1]

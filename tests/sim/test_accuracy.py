@@ -273,7 +273,7 @@ def test_no_tick_copies_the_model(monkeypatch):
 
 
 def test_a_weak_direction_reports_the_uncertainty_of_its_gain():
-    """Near a stretched pose rounding makes the gain uncertain; nearer, the direction is lost."""
+    """The gain is uncertain by rounding near a stretched pose; nearer, the direction is lost."""
     arm, _ = stretched(1.0, 0.0)
     arm.body_pos[2, 0], arm.site_pos[0] = 0.312345, [0.254321, 0.000013, 0.0]
     arm.site_sameframe[0] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE

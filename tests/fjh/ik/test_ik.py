@@ -54,7 +54,7 @@ def by_null_spaces(levels: list[tuple[Array, Array]], n: int, locked: list[int])
 
 @pytest.mark.parametrize("seed", range(8))
 def test_strict_levels_are_those_of_the_recursion_of_null_spaces(seed):
-    """Random levels of all kinds of tasks without limits and damping, with a locked joint."""
+    """Levels of tasks are random, without limits and damping, with a locked joint."""
     rng, model = np.random.default_rng(seed), model_of("humanoid")
     data = bent(model, seed)
     here = pose_of(model, data, "right_hand")
@@ -240,7 +240,7 @@ def test_out_of_reach_an_arm_rests_at_the_nearest_point(level, distance, gain, l
 
 
 def test_an_unreachable_task_does_not_degrade_other_levels():
-    """Height first, exactly; distance as far as possible; then the roll, which both leave free."""
+    """Height has priority, then distance as far as possible, then the roll, which is free."""
     model, data = three_links(*BENT)
     height = FrameTask("payload", rows=[5], target=[0.0, 0.0, 0.5])
     far = FrameTask("payload", rows=[3], target=[4.0, 0.0, 0.0])
@@ -417,7 +417,7 @@ def test_invalid_errors_and_jacobians_of_user_defined_tasks_are_rejected(what, w
 
 
 def test_compatible_tasks_give_the_velocity_of_mink():
-    """Tasks of a humanoid that do not conflict, so that weights do not matter."""
+    """Tasks of the humanoid do not conflict, so that weights do not matter."""
     model = model_of("humanoid")
     data = mujoco.MjData(model)
     targets = {name: pose_of(model, data, name) for name in ("left_foot", "right_foot")}

@@ -1,4 +1,4 @@
-"""Limits hold at every tick for all targets, and positions beyond a limit return."""
+"""Tests that limits hold at every tick for all targets, and that violated ones are restored."""
 
 from collections.abc import Iterable
 from copy import copy
@@ -194,7 +194,7 @@ SCENES = 5
 def chased(
     rng: np.random.Generator, obstacles=12, detection_m=0.1, ticks=40, dt=DT, **limits: Any
 ) -> tuple[float, float]:
-    """Return the distance moved by an arm that keeps its clearances, and its hardest braking."""
+    """Return the motion of an arm that keeps its clearances, and its largest deceleration."""
     model = arm_among(obstacles, rng)
     data, distances = mujoco.MjData(model), Distances(model, None, 0.01, detection_m)
     mujoco.mj_forward(model, data)
@@ -280,7 +280,7 @@ def test_a_cart_brakes_within_its_limits_and_stops_at_the_margin(scale, dt, dete
 
 @SEEDS
 def test_no_joint_exceeds_its_acceleration_limit_among_obstacles(seed):
-    """Random arms, periods and accelerations; MuJoCo measures the distances."""
+    """Arms, periods and accelerations are random; MuJoCo measures the distances."""
     rng = np.random.default_rng(seed)
     dt, most = 10.0 ** rng.uniform(-2.5, -1.3), rng.uniform(1.0, 10.0)
     moved_rad, braking = chased(rng, 8, 0.05, 60, dt, acceleration=most)

@@ -15,7 +15,7 @@ from tests.fjh.recording.conftest import NEEDS_DRIVER
 
 
 def at_night(test):
-    """Mark a test of pictures, which runs at night."""
+    """Mark a test of pictures for the night run."""
     for mark in (pytest.mark.long, pytest.mark.night, NEEDS_DRIVER):
         test = mark(test)
     return test

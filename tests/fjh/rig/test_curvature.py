@@ -48,7 +48,7 @@ def variant(name: str, goal: Goal = GOALS[SCALED_COLUMN]) -> StrutMapping:
 
 
 def off(name: str, path: np.ndarray, goal: Goal = GOALS[SCALED_COLUMN]) -> float:
-    """Distance from the optimum in percent, on the geometry alone."""
+    """Return the distance from the optimum in percent, from the geometry alone."""
     return extra_percent(machine(), goal, follow(variant(name, goal), path))
 
 

@@ -197,7 +197,7 @@ def test_invalid_arguments_of_a_rig_are_rejected_by_name(error, call, name, valu
 
 
 def test_invalid_arguments_of_the_hexapod_are_rejected_by_name():
-    """A payload edge on or mirrored, coils that would melt, a strut of zero length."""
+    """The payload is edge on or mirrored, coils would melt, or a strut has zero length."""
     edge_on = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     with pytest.raises(ValueError, match="rotation must not put the payload at right angles"):
         Detector(1.0, 5e-3, 3e-7).read(edge_on, np.random.default_rng(0))

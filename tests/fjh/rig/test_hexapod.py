@@ -112,7 +112,7 @@ def test_a_saturated_detector_reads_its_edge_and_no_noise():
 
 
 def test_the_gauges_have_the_stated_noise():
-    """Independent and unbiased: 20000 samples give the standard deviation to a percent."""
+    """Samples are independent and unbiased; 20000 give the standard deviation to a percent."""
     true_m, rng = np.linspace(-1e-5, 1e-5, 6), np.random.default_rng(0)
     gauges = StrutSensors(noise_m=5e-8)
     errors = np.array([gauges.read(true_m, rng) for _ in range(20000)]) - true_m
@@ -208,7 +208,7 @@ def machine() -> Hexapod:
     st.sampled_from([(), (1,), (5,), (2, 3), (0,)]),
 )
 def test_the_pose_has_the_lengths_that_it_was_computed_from(seed, spreads_m, shape):
-    """Lengths 7 % away, fifty times the paper's stroke, or other nodes."""
+    """Lengths differ by 7 %, fifty times the paper's stroke, or nodes are moved."""
     rng, (moved_m, range_m) = np.random.default_rng(seed), spreads_m
     bottom_m, top_m = rng.uniform(-moved_m, moved_m, (2, 6, 3))
     other = Hexapod(bottom_m=machine().bottom_m + bottom_m, top_m=machine().top_m + top_m)
@@ -255,7 +255,7 @@ def test_the_pose_equals_that_of_the_physics(model):
 
 @pytest.mark.parametrize("target", [[2.0, 0, 0, 0, 0, 0], 6 * [-0.41], 3 * [-0.38, 0.5]])
 def test_unreachable_lengths_are_rejected_and_the_others_solved(target):
-    """Longer than the other struts permit, shorter than zero, and both."""
+    """Lengths are longer than the other struts permit, negative, or both."""
     many = np.zeros((4, 6))
     many[2] = target
     with pytest.raises(UnreachableLengths, match=r"displacements_m: .*1 of 4 sets of") as rejection:
@@ -271,7 +271,7 @@ def test_lengths_beyond_the_range_of_floats_are_rejected():
 
 
 def test_a_singular_start_does_not_stop_a_batch():
-    """A strut of zero length; all six struts in one plane, where the Jacobian has no inverse."""
+    """Starts have a strut of zero length, or all six in one plane, with a singular Jacobian."""
     on_its_node = machine().bottom_m[0] - machine().top_m[0]
     both = Pose(np.stack([np.eye(3)] * 2), np.stack([on_its_node, np.zeros(3)]))
     with pytest.raises(UnreachableLengths) as rejection:
@@ -285,7 +285,7 @@ def test_a_singular_start_does_not_stop_a_batch():
 
 @pytest.mark.parametrize("turn", np.linspace(0.0, 2.0, 9))
 def test_a_payload_turned_by_a_right_angle_is_singular(turn):
-    """Fichter, "A Stewart platform-based manipulator" (1986): elimination leaves round-off."""
+    """The singularity is that of Fichter (1986), A Stewart platform-based manipulator."""
     angle = turn + np.radians([10, 110, 130, 230, 250, 350])
     bottom_m = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     top_m = 0.5 * bottom_m @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + np.eye(3)[2]

@@ -254,7 +254,7 @@ def test_a_plant_without_mismatch_is_the_model_to_the_last_bit():
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_sampled_plant_moves_as_its_linear_model_one_tick_late(one, seed):
-    """Mismatch of all kinds, after the converters' hold, with fine integrator steps."""
+    """The plant has mismatch of all kinds, converters with hold, and fine integrator steps."""
     plant_rig = one.with_mismatch(replace(hexapod.ALL, **STILL, timestep_s=6.25e-5), seed)
     commands = 1e-5 * np.repeat(np.random.default_rng(seed).normal(size=(10, 6)), 30, axis=0)
     bench, _ = commanded(plant_rig, commands)

@@ -134,7 +134,7 @@ def test_another_controller_gets_the_same_noise():
 @pytest.mark.long
 @pytest.mark.night
 def test_table1_includes_another_controller_and_fails_if_its_run_fails(folder, tmp_path):
-    """Table I over 0.6 s, with a controller that fails in one of its columns."""
+    """Table I runs for 0.6 s with a controller that fails in one of its columns."""
     out = tmp_path / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(CONFIGURATIONS, "calibrated", TestbedConfig(quick_duration_s=SHORT_S))

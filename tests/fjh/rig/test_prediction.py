@@ -61,7 +61,7 @@ def test_the_linear_model_predicts_every_tick_of_a_run(name):
 
 @pytest.mark.parametrize("kind", ["locked", "free", "weak"])
 def test_the_prediction_of_an_uninformed_controller_equals_its_run(kind):
-    """Two independent computations: MuJoCo, and the linear model with that fault."""
+    """MuJoCo and the linear model with that fault are independent computations."""
     one, path = rig("platform"), path_of("platform", 1.2)
     failures = [Failure(one.actuators[1], kind, FAILED_S)]
     run = one.fly(one.controller(), path, failures=failures)

@@ -162,7 +162,7 @@ def assert_same(run: Run, other: Run) -> None:
 )
 @pytest.mark.parametrize("copied", [pickled, pytest.param(deepcopy, marks=pytest.mark.long)])
 def test_a_copy_gives_the_same_run_to_the_bit(copied, name, made):
-    """Copies of the rig, the controller, both at once, and of a run with its state."""
+    """Copies are of the rig, the controller, both at once, and a run with its state."""
     one, control = rig(name), controller_of(name, made)
     run, both = simulated(one, control), copied((one, control))
     for a_rig, a_controller in (both, (copied(one), control), (one, copied(control))):
@@ -221,7 +221,7 @@ def test_a_number_is_read_back_from_its_unit_with_three_digits(size, sign):
 
 @pytest.mark.parametrize("name", ["limited", "gantry"])
 def test_rotary_actuators_move_by_angles_and_linear_ones_by_lengths(name):
-    """A hinge, a slide, a tendon over both, a ball joint; a tendon of hinges, a rope, a rail."""
+    """Actuators are on hinges, slides, ball joints, and tendons over these."""
     units = {"limited": ["rad", "m", "m", "rad"], "gantry": ["rad", "m", "m"]}
     units_of_drives = [drive.unit for drive in drives(model(name))]
     assert units_of_drives[: len(units[name])] == units[name]
