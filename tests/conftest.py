@@ -29,7 +29,16 @@ pytest.register_assert_rewrite(
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-AT_NIGHT = {"table1", "release", "systems", "recover", "goals", "jacobian", "limits", "uncorrected"}
+NIGHT_STUDIES = {
+    "table1",
+    "release",
+    "systems",
+    "recover",
+    "goals",
+    "jacobian",
+    "limits",
+    "uncorrected",
+}
 """Studies of 15 s and more of a core; short tests use smaller versions."""
 PAGES = Path(__file__).with_name("project")
 """Folder of tests of the pages, which use the whole studies in short runs, too."""
@@ -45,7 +54,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             names.add(f"{callspec.params.get('study')}_folder")
         if names & {"scheduler", "compared", *(f"{name}_folder" for name in LINES)}:
             item.add_marker(pytest.mark.long)
-        if names & {f"{name}_folder" for name in AT_NIGHT} and PAGES not in item.path.parents:
+        if names & {f"{name}_folder" for name in NIGHT_STUDIES} and PAGES not in item.path.parents:
             item.add_marker(pytest.mark.long)
             item.add_marker(pytest.mark.night)
 
@@ -84,7 +93,7 @@ Make = Callable[[str, Callable[[Path], int]], Path]
 
 
 @pytest.fixture(scope="session")
-def made_once(shared) -> Make:
+def created_once(shared) -> Make:
     """Return a function that creates a folder of a name by a command, once in all processes."""
 
     def made(name: str, make: Callable[[Path], int]) -> Path:
@@ -129,8 +138,8 @@ def folder_of(study: str, *arguments: str) -> Any:
     """Return a fixture: the folder of a study, created by its command with these arguments."""
 
     @pytest.fixture(scope="session", name=f"{study}_folder")
-    def folder(made_once: Make) -> Path:
-        return made_once(study, fjh(study, *arguments))
+    def folder(created_once: Make) -> Path:
+        return created_once(study, fjh(study, *arguments))
 
     return folder
 

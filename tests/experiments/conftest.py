@@ -12,7 +12,7 @@ import pytest
 from tests.conftest import fjh, folder_of
 from tests.experiments.results import Results
 
-HERE = ("--workers", "2")
+TWO_WORKERS = ("--workers", "2")
 SHORT_SWEEP = Path(__file__).with_name("short_sweep.toml")
 FAILING = ("--path", "spiral", "--duration", "4", "--fail", "strut1:locked@2")
 
@@ -22,7 +22,7 @@ figures_folder = folder_of("figures")
 uncorrected_folder = folder_of("uncorrected", "--quick")
 limits_folder = folder_of("limits", "--quick")
 force_folder = folder_of("force", "--quick")
-sweep_folder = folder_of("sweep", "--design", str(SHORT_SWEEP), *HERE)
+sweep_folder = folder_of("sweep", "--design", str(SHORT_SWEEP), *TWO_WORKERS)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def study(request) -> Results:
 
 
 @pytest.fixture(scope="session")
-def smaller(made_once):
+def smaller(created_once):
     """Function that makes a study smaller than its --quick, by other values in its modules."""
 
     def made(name: str, values: dict[str, Any], *arguments: str) -> Path:
@@ -43,7 +43,7 @@ def smaller(made_once):
                     patch.setattr(f"experiments.{place}", value)
                 return fjh(name, "--quick", *arguments)(folder)
 
-        return made_once(f"smaller_{name}", make)
+        return created_once(f"smaller_{name}", make)
 
     return made
 
@@ -96,7 +96,7 @@ def smaller_values(name: str) -> dict[str, Any]:
 
 @pytest.fixture(scope="session")
 def smaller_study(smaller) -> Callable[[str], Path]:
-    """Function from the name of a study `AT_NIGHT` to the folder of its short version."""
+    """Function from the name of a study `NIGHT_STUDIES` to the folder of its short version."""
     return lambda name: smaller(name, smaller_values(name))
 
 
@@ -107,7 +107,7 @@ CONDITIONS = ("SSSSSS", "FSSSSS", "SSLSSS", "SLLSLL", "SFFSLF", "LLLLLL")
 @pytest.fixture(scope="session")
 def atlas_folder(smaller):
     """Folder of the atlas with a few failure conditions."""
-    return smaller("atlas", {"sweep.representatives": lambda: [*CONDITIONS]}, *HERE)
+    return smaller("atlas", {"sweep.representatives": lambda: [*CONDITIONS]}, *TWO_WORKERS)
 
 
 @pytest.fixture(scope="session")

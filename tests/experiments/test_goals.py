@@ -87,7 +87,7 @@ def test_the_clearance_is_that_of_a_sphere_and_a_cylinder(seed):
     # World axes are diag(1, -1, -1) of base; the cell is 0.1445 m below the payload's origin.
     centre = np.array([0.0, -(0.065 + physics.GAP_M + physics.RADIUS_M), 0.144482272])
     seen = pose.rotation.T @ (centre - pose.translation_m)
-    assert abs(seen[2] - 0.144482272) < 0.015  # beside the mantle, not the rim
+    assert abs(seen[2] - 0.144482272) < 0.015  # at the lateral surface
     distance, away = clearance()(pose)
     assert distance == pytest.approx(
         np.hypot(seen[0], seen[1]) - 0.065 - physics.RADIUS_M, abs=1e-9

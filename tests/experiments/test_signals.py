@@ -12,8 +12,8 @@ import pytest
 
 from tests.processes import CODES, ended, started
 
-EVERY = pytest.mark.parametrize("number", CODES)
-ONE_BY_DAY = pytest.mark.parametrize(
+EVERY_SIGNAL = pytest.mark.parametrize("number", CODES)
+SIGINT_IN_SHORT_TESTS = pytest.mark.parametrize(
     "number", [signal.SIGINT, *(pytest.param(each, marks=pytest.mark.long) for each in [15, 1])]
 )
 
@@ -51,11 +51,11 @@ experiments.__main__.run()
 
 
 def running(out: Path, work: str) -> subprocess.Popen[str]:
-    """Start a study with this work and wait until it is in it."""
+    """Start a study with this work and wait until it runs."""
     return at(RUNNING.format(work=work, out=str(out)))
 
 
-@ONE_BY_DAY
+@SIGINT_IN_SHORT_TESTS
 def test_a_signal_during_the_imports_ends_the_command(number):
     process = at(IMPORTING)
     process.send_signal(number)
@@ -83,7 +83,7 @@ CLEARING = """
 """
 
 
-@ONE_BY_DAY
+@SIGINT_IN_SHORT_TESTS
 def test_signals_during_a_study_and_its_cleanup_end_it(number, tmp_path):
     """Signals may be sent several times, as by `timeout` or repeated Ctrl-C."""
     process = running(tmp_path / "out", CLEARING)
@@ -106,7 +106,7 @@ FAILING = """
 
 
 @pytest.mark.long
-@EVERY
+@EVERY_SIGNAL
 def test_an_error_caused_by_a_signal_counts_as_the_signal(number, tmp_path):
     """An interrupted library may raise any error."""
     process = running(tmp_path / "out", FAILING)
@@ -131,7 +131,7 @@ def works(process: subprocess.Popen[str]) -> bool:
 
 @pytest.mark.long
 @pytest.mark.night
-@EVERY
+@EVERY_SIGNAL
 @pytest.mark.parametrize("later_s", [0.0, 0.3])
 @pytest.mark.parametrize("whom", [os.kill, os.killpg])
 def test_a_signal_while_workers_start_ends_the_study(number, later_s, whom, tmp_path):
@@ -147,7 +147,7 @@ def test_a_signal_while_workers_start_ends_the_study(number, later_s, whom, tmp_
 
 @pytest.mark.long
 @pytest.mark.night
-@EVERY
+@EVERY_SIGNAL
 @pytest.mark.parametrize("after_s", [1.0, 3.0])
 def test_a_signal_ends_a_real_study(number, after_s, tmp_path):
     process = started("-m", "experiments", "table1", "--out", str(tmp_path / "out"))

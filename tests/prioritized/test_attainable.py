@@ -21,7 +21,7 @@ def largest(d, equalities, x_of, limits) -> float:
     rows = np.vstack([x_of[np.isfinite(upper)], -x_of[np.isfinite(lower)]])
     finite = np.concatenate([upper[np.isfinite(upper)], -lower[np.isfinite(lower)]])
     none = np.zeros(len(equalities))
-    for goal in (1.0, 0.0):  # the solver may not tell unbounded from infeasible
+    for goal in (1.0, 0.0):  # unbounded or infeasible may have one status
         result = linprog(-goal * d, rows, finite, equalities, none, bounds=[(None, None)] * len(d))
         if result.status == 0:
             return -result.fun if goal else np.inf

@@ -308,7 +308,7 @@ def test_a_tick_returns_none_if_errors_could_change_a_rank():
     careful = tick_of(rounded, Task([0, 1]), Task.joints())
     assert tick is not None and careful is not None
     posed = ARM.J_T, ARM.J_C, np.ones(5), FREELY
-    assert tick(*posed, 1.0) is not None  # it was said to be exact
+    assert tick(*posed, 1.0) is not None  # it was stated as exact
     assert careful(*posed, 1e-6) is not None
     assert careful(*posed, 0.5) is None
     assert careful(*posed, np.inf) is None

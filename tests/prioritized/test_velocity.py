@@ -118,7 +118,7 @@ def test_without_weights_the_gain_is_the_moore_penrose_inverse(m, n, data, seed)
     size = 10.0 ** data.draw(st.integers(-100, 100))
     A = size * of_rank(np.random.default_rng(seed), m, n, rank)
     X = velocity_mapping(A, list(range(m))).major
-    AX, XA = A @ X, X @ A  # products of A and A^+ are of order one whatever the size
+    AX, XA = A @ X, X @ A  # products of A and A^+ are of order one for any size
     np.testing.assert_allclose(AX @ A / size, A / size, atol=1e-12)
     np.testing.assert_allclose(XA @ X * size, X * size, atol=1e-12)
     np.testing.assert_allclose(AX, AX.T, atol=1e-12)

@@ -46,7 +46,7 @@ def test_contacts_limits_and_dry_friction_have_no_rows(storage):
 
 
 def test_an_equality_counts_while_it_is_active():
-    of, tool = linkage(), "tool"  # which moves whatever is open
+    of, tool = linkage(), "tool"  # the tool moves if any loop is open
     data = mujoco.MjData(of)
     closed_rows = jacobians(of, data, tool).J_C
     data.eq_active[of.equality("brake").id] = True

@@ -164,7 +164,7 @@ def test_the_controls_are_those_of_the_controllers_model(seed):
         driven().model, driven().nominal_plant.drives, gain, RandomStreams(seed, "uniform")
     )[1]
     assert ratio[0] == pytest.approx(gains[0], abs=1e-4)  # a coil moves by its gain
-    assert ratio[1] == pytest.approx(1.0, abs=1e-4)  # a servo reaches its target whatever its gain
+    assert ratio[1] == pytest.approx(1.0, abs=1e-4)  # a servo reaches its target for any gain
     assert abs(ratio[2] - 1) < abs(gains[2] - 1)  # one against a spring, in part
 
 
