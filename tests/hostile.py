@@ -31,7 +31,7 @@ ANYWHERE = [
     *(1e308, 2**70, 10**400),
     *([], [[]], [1.0], np.ones(2, dtype=bool), [-1], [2**62], [0.5], np.array([object()])),
     *(np.zeros((1, 1, 1, 1, 1)), np.zeros((0, 3)), np.ones(99), [np.ma.masked, 1.0]),
-    np.ones((1, 1)).view(np.matrix),  # as a seed it ended the process
+    np.ones((1, 1)).view(np.matrix),  # it once ended the process as a seed
 ]
 """Values that replace any argument."""
 FEW = (None, "text", np.nan, -1, np.ones(99))

@@ -143,7 +143,7 @@ def enumerated(levels: Levels, lower: np.ndarray, upper: np.ndarray) -> Known:
         size = sizes(A) + (sizes(A) == 0)
         A, b = A / size[:, None, None], b / size[:, None]
         retained = _Inverse(A, np.full(count, RANK)).Vt
-        A = A @ retained.mT @ retained  # or what does not count would choose among large x
+        A = A @ retained.mT @ retained  # else small terms determine large x
         earlier = _Inverse(E[of] * free[:, None], np.full(len(of), RANK))
         y = fixed + earlier.solve(e[of] - times(E[of], fixed))
         others = free[:, :, None] * np.eye(n) - earlier.Vt.mT @ earlier.Vt
@@ -205,7 +205,7 @@ def by_interior_point(
     former, x = _Former(len(lower)), np.zeros(len(lower))
     for A, b in _with_least_norm(levels, len(lower)):
         if not A.any():
-            continue  # every x is as good
+            continue  # every x is optimal
         near, order = _program(A, b, former, G, top)
         trials = []
         for k in range(len(order) + 1):
@@ -234,7 +234,7 @@ def _program(
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
-    settings.tol_infeas_abs = settings.tol_infeas_rel = 1e-14  # 1e4 times the bounds is no proof
+    settings.tol_infeas_abs = settings.tol_infeas_rel = 1e-14  # 1e4 times the bounds proves nothing
     # Unknowns are t in x + Z (V diag(1 / s) t_1 + V_0 t_2), A Z = U diag(sigma) V^T. With s = sigma
     # the objective is well conditioned, with s = 1 the limits are.
     for s in (sigma, np.ones(len(sigma))):

@@ -58,7 +58,7 @@ def random_problem(
         goal = extent * (rng.uniform(-1, 1, n) if extent < 1 else rng.normal(size=n))
         b = A @ (np.clip(goal, lower, upper) if extent < 1 else goal)
         if extent >= 1:
-            b = b + extent * rng.normal(size=len(b)) * rng.integers(0, 2)  # no x at all, or some x
+            b = b + extent * rng.normal(size=len(b)) * rng.integers(0, 2)  # infeasible or feasible
         levels.append((A, b))
     if not rows:
         return Problem(tuple(levels), lower, upper)

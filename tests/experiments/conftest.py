@@ -65,7 +65,7 @@ def smaller_values(name: str) -> dict[str, Any]:
         from fjh.rig.hexapod.rig import nominal_testbed
 
         testbed = nominal_testbed(second_of_the_spiral())
-        ratios = (RATIOS[0], *RATIOS[1:3], RATIOS[-1])  # of which --quick takes every third
+        ratios = (RATIOS[0], *RATIOS[1:3], RATIOS[-1])  # --quick uses every third
         return {"release.nominal_testbed": lambda: testbed, "release.RATIOS": ratios}
     if name == "goals":  # the singularity of the arm
         from experiments.goals import GOALS
@@ -91,7 +91,7 @@ def smaller_values(name: str) -> dict[str, Any]:
         return {"limits.strategies": lambda *, quick, loop: how if loop else [how[0], *how[2:]]}
     if name == "uncorrected":
         return {"uncorrected.QUICK": ("lost_strut",), "uncorrected.ROLL_OFF_HZ": (25.0,)}
-    return {}  # of jacobian --quick, without its loop
+    return {}  # jacobian uses --quick, without its loop
 
 
 @pytest.fixture(scope="session")

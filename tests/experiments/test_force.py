@@ -70,7 +70,7 @@ def test_simulated_forces_equal_those_of_the_mapping(tables):
     assert theorems[theorems.kind != "locked"].pressed_major_off_percent.max() < 0.005
     loads = tables["prescribed"].set_index("condition").loc[["healthy", "strut 1 locked"]]
     missing = loads[["lacking_force_n", "lacking_major_n_m"]]
-    np.testing.assert_allclose(missing, 0, atol=1e-12)  # then it exerts a whole wrench
+    np.testing.assert_allclose(missing, 0, atol=1e-12)  # all components of its wrench act
 
 
 def test_a_locked_strut_bears_the_force_along_it_which_no_torque_affects(data, lines):

@@ -192,7 +192,7 @@ def test_pursued_goals_keep_their_limits_and_others_change_the_pointing(study):
     assert worst.pursued["stroke"] > 30
     assert worst.pursued["obstacle"] > 30
     assert worst.pursued["singularity"] < 3
-    angles = frames["angles"].groupby(["goal", "name"])  # of each the larger one
+    angles = frames["angles"].groupby(["goal", "name"])  # the larger one of each
     changed = angles.difference_rms_urad.max().unstack("name")
     noise = frames["another_seed"].set_index("goal").difference_rms_urad
     assert (changed.pursued / noise < 0.5).all()

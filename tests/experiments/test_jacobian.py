@@ -60,7 +60,7 @@ def test_every_estimate_bounds_its_taylor_coefficient_on_every_ray(seed):
     largest = max(float(size(D[:, None] * J, "two")) for J in inverses)
     bounds = certificate.coefficient_bounds(geometry, stroke_m, length_m, largest)
     for pose in poses:
-        there = Hexapod(  # with this pose as nominal one
+        there = Hexapod(  # with this nominal pose
             geometry.bottom_m - pose.translation_m, geometry.top_m @ pose.rotation.T
         )
         # This hexapod has the lengths of the pose.
@@ -99,7 +99,7 @@ def test_the_certificate_is_tight_converges_to_the_value_and_survives_rounding(n
     value = varied(norm).value * size(nominal(), norm)
     proof = certify(machine(), STROKE_M, norm)
     assert value <= proof.upper_bound < 1.01 * value
-    assert proof.terms[0] < value  # the linear part is not yet a bound
+    assert proof.terms[0] < value  # the linear part alone is no bound
     assert proof.remainder < 0.01 * value
     excess = []
     for stroke_m in (6e-4, 6e-5, 6e-6):

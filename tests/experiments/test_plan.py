@@ -43,7 +43,7 @@ def test_the_failures_are_the_published_ones():
         np.testing.assert_array_equal(case.path(exact_rig()), spiral)
     for _, mismatch, factor, count in plan.WHOLE:
         assert count > 0
-        sizes_of(exact_rig(), mismatch).scaled(factor)  # which refuses all others
+        sizes_of(exact_rig(), mismatch).scaled(factor)  # which rejects all others
     failing = {mismatch for sort, mismatch, _, _ in plan.WHOLE if sort == "failure"}
     assert failing == {"exact", "all", *ALONE}
 

@@ -123,7 +123,7 @@ PARALLEL = """
 
 def works(process: subprocess.Popen[str]) -> bool:
     """Return whether a process has a worker."""
-    with contextlib.suppress(psutil.Error):  # it may be gone by now
+    with contextlib.suppress(psutil.Error):  # it may have ended
         children = psutil.Process(process.pid).children()
         return any("spawn_main" in word for child in children for word in child.cmdline())
     return False

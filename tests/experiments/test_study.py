@@ -33,7 +33,7 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture(autouse=True)
 def _all_end():
     """Check that no process is left."""
-    before = active_children()  # of a cluster that other tests share
+    before = active_children()  # the cluster is shared by other tests
     yield
     assert set(active_children()) <= set(before)
 
@@ -231,7 +231,7 @@ def test_a_folder_is_locked_until_its_study_is_killed(tmp_path):
         with pytest.raises(WrongInput, match="is in use by another study"), alone_in(folder):
             pass
         first.kill()
-    (folder / f"{STAGING}x").mkdir()  # what it had begun to write
+    (folder / f"{STAGING}x").mkdir()  # the incomplete file
     assert (folder / LOCK).exists()
     with alone_in(folder):
         pass

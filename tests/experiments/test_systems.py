@@ -61,12 +61,12 @@ def test_the_simulated_motions_are_those_of_the_classification(entries):
 @pytest.mark.parametrize(
     ("where", "unstable", "major", "constrained"),
     [
-        (("arm", "4 free"), True, True, 0),  # a free elbow swings the camera
-        (("arm", "7 free"), True, False, 0),  # a free wrist roll turns it about its own axis
-        (("hand", "healthy"), False, False, 1),  # four motors, three freedoms: they can squeeze
+        (("arm", "4 free"), True, True, 0),  # a free elbow moves the camera
+        (("arm", "7 free"), True, False, 0),  # a free wrist rotates it about its axis
+        (("hand", "healthy"), False, False, 1),  # four motors for three freedoms
         (("hand", "1 free"), False, False, 0),  # three motors still hold the object
         (("hand", "1 and 2 free"), True, True, 0),  # with a free finger it swings about the other
-        (("arms", "healthy"), False, False, 6),  # twelve motors, six freedoms
+        (("arms", "healthy"), False, False, 6),  # twelve motors for six freedoms
         # One arm carries the load and the other arm.
         (("arms", "1, 2, 3, 4, 5 and 6 free"), False, False, 0),
         (("platform", "1 free"), False, False, 0),  # over-actuated: no self-motion

@@ -75,7 +75,7 @@ def test_an_uncorrected_lock_has_the_error_of_theory_not_of_the_paper(table1):
     np.testing.assert_allclose(ratio, [1.39, 1.15], rtol=0.02)
     printed = np.divide(paper.TABLE_I_URAD["W_a_uncorrected"], paper.TABLE_I_URAD["W_a"])
     np.testing.assert_allclose(printed, [4.01, 1.55], rtol=0.005)
-    assert ratio[0] < 0.5 * printed[0]  # not reproduced, and not hidden
+    assert ratio[0] < 0.5 * printed[0]  # not reproduced
 
 
 @pytest.mark.parametrize("column", COLUMNS, ids=lambda column: column.name)

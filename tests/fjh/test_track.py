@@ -64,7 +64,7 @@ def test_without_a_failure_the_error_is_that_of_the_linear_model(model, noise):
     np.testing.assert_allclose(rows.rms_before[:2], rows.predicted_rms_before[:2], rtol=0.05)
     assert results["rms_after"] is None and results["predicted_rms_after"] is None
     assert one.settings["failures"] == results["possible_after"] == results["diagnoses"] == []
-    assert results["closure_residual_max_m"] < 1e-8  # the demands brake for the end of the path
+    assert results["closure_residual_max_m"] < 1e-8  # the demands decelerate at the end of the path
 
 
 DESIGNED = {"dither": "designed", "crossover": None}

@@ -17,7 +17,7 @@ from tests.ftc.carts import ONSETS, SAMPLES, Record, carts, gathered, outputs, s
 from tests.ftc.spectra import whitened
 
 WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3, command=30.0, supply=0.2, scale=0.4)
-SPREAD = 1 / np.sqrt(12)  # of a uniform variable over a cell of width one
+SPREAD = 1 / np.sqrt(12)  # standard deviation of a uniform variable over a cell of one
 seeds = pytest.mark.parametrize("seed", range(3))
 
 
@@ -54,7 +54,7 @@ def sensitivities(record: Record, fault: Fault | Cause | None, onset: int) -> np
         own = [plain * 0] * 2 if cause is None else caused(record, cause, onset, WRONG)
         return np.array([*result, plain * 0, *own, plain * 0])
     later = outputs(nominal, ticks, u, fault, onset + 1) - plain
-    later[onset] = 0.0  # no onset within a sample
+    later[onset] = 0.0
     push = nominal.plant.B[:, fault.actuator]
     direction = np.roll(push, -len(push) // 2)
     direction = direction / np.linalg.norm(nominal.plant.C @ direction / nominal.noise)
@@ -62,7 +62,7 @@ def sensitivities(record: Record, fault: Fault | Cause | None, onset: int) -> np
     if fault.kind == "locked":
         further = outputs(nominal, ticks, u, fault, onset, displaced=1.5 * direction) - plain
     else:
-        remaining, parts = fault.effectiveness, []  # a quarter more and a quarter less lost
+        remaining, parts = fault.effectiveness, []  # 25 % more and less loss
         for other in (min(remaining + 0.25, 1.0), max(remaining - 0.25, 0.0)):
             about = replace(fault, kind="weak", effectiveness=other)
             parts.append(outputs(nominal, ticks, u, about, onset))
@@ -151,7 +151,7 @@ def test_the_last_hypothesis_is_a_density_of_the_outputs_as_the_first(seed, gain
     for weights in filters:
         H, P, e = regression(record, None, 0, prior, weights)
         columns = (whitened(weights, unit) for unit in np.eye(e.size).reshape(-1, SAMPLES, 2))
-        L = np.array([column.ravel() for column in columns]).T  # e = L y, less what is known
+        L = np.array([column.ravel() for column in columns]).T  # e = L y minus the known part
         inverse = np.linalg.inv(L)
         cov = inverse @ (np.eye(e.size) + H @ P @ H.T) @ inverse.T
         densities.append(multivariate_normal(cov=cov).logpdf(inverse @ e))

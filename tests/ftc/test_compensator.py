@@ -39,7 +39,7 @@ def test_a_response_is_the_solution_of_its_linear_system_at_each_frequency(seed)
         [L.C @ np.linalg.solve(each * np.eye(L.nstates) - L.A, L.B) + L.D for each in z]
     )
     result = frequency_response(L)(FREQUENCY_RAD_S)
-    size = 1 + np.linalg.norm(solved, axis=(1, 2))  # I + L is what margins and peaks are read off
+    size = 1 + np.linalg.norm(solved, axis=(1, 2))  # margins and peaks are those of I + L
     assert (np.linalg.norm(result - solved, axis=(1, 2)) < 1e-11 * size).all()
 
 

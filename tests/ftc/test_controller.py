@@ -75,7 +75,7 @@ def test_a_change_of_the_mapping_is_bumpless_and_keeps_the_task(name, form):
     for later in (state, steady(after, state, FADE)):
         own = after.mapping.displacements(later.previous_command.demand, later.pose)[survivors]
         np.testing.assert_allclose(surviving_m(later), own, atol=1.1e-8)
-    if name != "locked off centre":  # the least of all struts is the least of those left, too
+    if name != "locked off centre":  # the weakest of all struts is healthy
         assert np.abs(surviving_m(first) - own).max() > 1e-7
 
 
@@ -125,7 +125,7 @@ def moving(controller, state: ControllerState, ticks: int) -> list[ControllerSta
     ("name", "form"),
     [
         *((name, form) for name in LOST for form in ("absolute", "gauss_newton")),
-        ("without force", "incremental"),  # a lock off centre has no incremental form
+        ("without force", "incremental"),  # locks off centre have no incremental form
     ],
 )
 def test_a_retained_command_stays_to_the_bit(name, form: DisplacementForm):

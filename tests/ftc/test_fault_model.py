@@ -64,11 +64,11 @@ def test_a_loose_strut_is_the_plant_that_is_linearized_without_its_spring(model)
     nominal, broken, k = hexapod_rig().nominal, Plant(model), 6
     healthy = broken.linear()
     broken.break_loose(4)
-    without = broken.linear()  # about the same pose, which it is about to leave
+    without = broken.linear()
     assert nominal.spring is not None and nominal.preload is not None
     A = nominal.plant.A[k:] + np.outer(nominal.plant.B[k:, 4], nominal.spring[4])
     # The weight that the spring no longer carries turns with the flexures: 1e-4 of the stiffness.
-    moved = np.linalg.solve(healthy.C_twist[:, :k], without.C_twist[:, :k])  # of their coordinates
+    moved = np.linalg.solve(healthy.C_twist[:, :k], without.C_twist[:, :k])
     expected, tiny = moved @ without.A[k:, :k], 2e-4 * np.abs(A).max()
     np.testing.assert_allclose(A[:, :k] @ moved, expected, atol=tiny)
     with pytest.raises(ValueError, match="needs a model with its spring"):

@@ -93,6 +93,6 @@ def test_a_batch_of_settings_is_each_setting_alone(has_friction):
     many = states(slice(None))
     for k in range(3):
         np.testing.assert_allclose(many[k], states(k), rtol=1e-12, atol=1e-15)
-    if has_friction:  # and a tick of it is that of the model
+    if has_friction:
         u = 0.2 * (reference[1, 7] - nominal.plant.C @ many[1, 7])
         np.testing.assert_allclose(whole.model.step(many[1, 7], u), many[1, 8], atol=1e-12)

@@ -20,7 +20,7 @@ from tests.ftc.carts import carts, simulate
 
 OFFSETS = replace(CERTAIN, offset=3.0, offset_rate=1.0)
 CONFIG = FdiConfig(uncertainty=OFFSETS, sample_s=10e-3)
-TICKS = 2  # of a sample
+TICKS = 2
 SHOCK = 140  # sample
 STATE = np.linspace(1, 2, 6) * 1e-3
 
@@ -456,7 +456,7 @@ def test_isolation_and_confirmation_take_the_same_time_at_each_rate(fault, seed)
         states = simulate(tested, seed, ticks, fault=fault, fails=fails)
         filters = [state.observer.whitening for state in states[:fails]]
         made = np.flatnonzero([now is not then for then, now in pairwise(filters)])
-        assert (made[1:] % 50 == 0).all()  # after it has learned, of as many samples at any rate
+        assert (made[1:] % 50 == 0).all()  # after learning from equally many samples at any rate
         result = [state.diagnosis for state in states if state.diagnosis is not None]
         assert {each.fault for each in result} == {fault}
         first, last = result[0], result[-1]

@@ -85,7 +85,7 @@ def by_hand(model, state: ObserverState, v, y: np.ndarray | None) -> dict[str, n
 @pytest.mark.parametrize("seed", range(4))
 def test_each_sample_is_that_of_a_kalman_filter_in_covariances(seed, monkeypatch):
     """Unmeasured samples, gated ones and those after them are included."""
-    monkeypatch.setattr(observer, "MEMORY_S", FORGETS_S)  # so that 150 samples forget
+    monkeypatch.setattr(observer, "MEMORY_S", FORGETS_S)  # so that 150 samples are the memory
     monkeypatch.setattr(observer, "LEARNING_S", LEARNS_S)
     record = Record.of(carts(1), 2, seed, samples=150, size=5e-2)
     kalman = cart_observer(WRONG, largest=LARGEST)
@@ -230,7 +230,7 @@ def test_a_filter_solves_the_equations_of_yule_and_walker(seed):
     for weights, c, own in zip(
         spectrum.filter().T, spectrum.covariance.T, residuals.T, strict=True
     ):
-        toeplitz = scipy.linalg.toeplitz(c[:LAGS]) + 1e-4 * c[0] * np.eye(LAGS)  # the ridge
+        toeplitz = scipy.linalg.toeplitz(c[:LAGS]) + 1e-4 * c[0] * np.eye(LAGS)
         expected = np.linalg.solve(toeplitz, c[1:])
         np.testing.assert_allclose(-weights[1:] / weights[0], expected, rtol=1e-9, atol=1e-11)
         assert np.convolve(own, weights, "valid").var() == pytest.approx(1.0, abs=0.15)

@@ -36,7 +36,7 @@ def test_the_reconfigured_goal_contains_the_diagnoses():
         lost_displacement(nominal, each, [each.fault], commanded_m) for each in known
     )
     np.testing.assert_array_equal(locked, 0.0)
-    assert free[2] == pytest.approx(2e-6, rel=1e-2)  # no more than it was commanded
+    assert free[2] == pytest.approx(2e-6, rel=1e-2)  # at most its command
     assert weak[5] == 0.0  # it has already reached its final displacement
 
 
@@ -68,7 +68,7 @@ def test_the_predicted_error_is_that_of_the_linear_loop(kind):
     """The stepped controller has the error of the closed loop in matrices."""
     rig, controller, ahead = error_prediction()
     exact, remaining = copy.copy(controller), 0.5 if kind == "weak" else 0.0
-    exact.drives = DirectDrive()  # converters round
+    exact.drives = DirectDrive()  # by rounding of converters
     result = ahead.rms(exact, exact.start(), Scenario(1.0, [Fault(2, kind, remaining)], STILL))
     arguments = {"failures": [Failure(2, kind, 0.0)], "told": False, "noise": 0 * ahead.references}
     expected = rig.predict(ahead.references, **arguments).rms_after / rig.nominal.noise

@@ -14,7 +14,7 @@ from ftc.sensors import SensorState
 PERIOD_S = 1e-3
 CHECK = SensorCheck(PERIOD_S, limits=(10.0, 10.0))
 MESSAGES = "the task's sensor", "the commands are held"
-STUCK = 35  # ticks of the usual time
+STUCK = 35  # in ticks of the usual period
 SOON = 10  # ticks of a slower loop, for which random readings repeat now and then
 
 

@@ -120,7 +120,7 @@ NIGHT = [pytest.mark.long, pytest.mark.night]
 def test_separations_for_long_times_equal_the_isolability(row, seed, servo, tolerance, monkeypatch):
     """The transient is negligible; with free onsets, an explanation at the end is no failure."""
     nominal, dither, time_s = mechanism(seed, servo=servo), random_dither(seed), 3.0
-    monkeypatch.setattr(separation, "_STEP_S", 0.01)  # of onsets, a tenth of a period
+    monkeypatch.setattr(separation, "_STEP_S", 0.01)  # step of onsets, a tenth of a period
     result = separations(nominal, dither, time_s)
     onset, times = 20, np.arange(round(time_s / nominal.period_s)) * nominal.period_s
     commanded = np.vstack([np.zeros((onset, 3)), [dither.at(time) for time in times]])
@@ -274,7 +274,7 @@ def test_no_random_dither_of_equal_cost_is_better_than_the_designed_one(seed, un
     """The designed dither uses its limits and lies in the null space."""
     nominal = mechanism(seed, servo=servo)
     plant, known = nominal.plant, (0.5, uncertainty)
-    J = (-plant.C @ np.linalg.solve(plant.A, plant.B))[:1]  # of the first output, at rest
+    J = (-plant.C @ np.linalg.solve(plant.A, plant.B))[:1]  # of the first output at rest
     N, frequencies = scipy.linalg.null_space(J), np.array([4.0, 16.0])
     cost = Cost(1e-3, np.asarray(plant.C)[:1], 1e-4)
     best = designed_dither(nominal, N, frequencies, cost, *known)

@@ -123,7 +123,7 @@ def test_the_steps_end_at_the_optimum_of_the_curved_problem(locked_at):
     own, every, demand = mechanism("arm"), np.arange(7), np.array([2e-3, -4e-3, 3e-3])
     goal = replace(SEVEN, locked_at=locked_at)
     free, _ = settled(mapping_for(own, goal, POSITION), demand)
-    bound = 0.8 * float(np.abs(free).max())  # so that one at least is held back
+    bound = 0.8 * float(np.abs(free).max())  # at least one is at its bound
     box = (np.full(7, -bound), np.full(7, bound))
     commanded, _ = settled(mapping_for(own, goal, POSITION, box), demand)
     assert np.abs(commanded).max() == pytest.approx(bound, rel=1e-9)

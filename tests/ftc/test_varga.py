@@ -97,7 +97,7 @@ def sampled() -> control.StateSpace:
     return control.c2d(whole, PERIOD_S)
 
 
-SIGMA = np.full(2, OUTPUT_NOISE / np.sqrt(12))  # of uniform noise of this width
+SIGMA = np.full(2, OUTPUT_NOISE / np.sqrt(12))  # standard deviation of uniform noise
 PLANT = sampled()[:, :2]
 ALONE, TOGETHER = [1, 2, 3, 6], [4, 5, 7, 8]  # models with one actuator weak, with both
 

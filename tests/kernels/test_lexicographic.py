@@ -168,7 +168,7 @@ def known(batch: Batch) -> Known:
 def assert_equal_solutions(batch: Batch, x: np.ndarray, known: Known) -> None:
     """Assert equal residuals, and equal x if determined, unless a rank is uncertain."""
     clear = known.gap > 100
-    assert clear.mean() > 0.6  # of six problems
+    assert clear.mean() > 0.6
     allowed = 1e-10 * known.condition
     for k in range(len(batch.levels)):
         got, size = batch.residuals(k, x)
@@ -263,7 +263,7 @@ def test_no_bound_is_active_due_to_a_zero_direction():
 @pytest.mark.parametrize(
     ("levels", "lower", "upper", "x"),
     [
-        ([], [-1, 1, -INF], [1, 2, -3], [0, 1, -3]),  # no levels: the nearest to zero
+        ([], [-1, 1, -INF], [1, 2, -3], [0, 1, -3]),  # without levels, the nearest to zero
         ([(np.zeros((0, 2)), []), ([[1, 1]], [2])], [-9, -9], [9, 9], [1, 1]),  # no rows
         ([(np.zeros((2, 2)), [7, 7]), ([[1, 1]], [2])], [-9, -9], [9, 0.5], [1.5, 0.5]),
         ([([[2.0]], [3]), ([[1.0]], [0])], [-INF], [INF], [1.5]),
@@ -272,7 +272,7 @@ def test_no_bound_is_active_due_to_a_zero_direction():
         ([([[1, 1, 0]], [3]), ([[1, -1, 0]], [0])], [-INF, -INF, 0.5], [1, INF, INF], [1, 2, 0.5]),
         ([(1e100 * np.eye(2), [3e100, -3e100])], [-1, -INF], [1, INF], [1, -3]),
         ([(np.eye(2), [3e100, -3e100])], [-1e100, -INF], [1e100, INF], [1e100, -3e100]),
-        ([([[1e-200, 0]], [3e-200]), (np.eye(2), [1, 1])], [-9, -9], [9, 9], [1, 1]),  # as zero
+        ([([[1e-200, 0]], [3e-200]), (np.eye(2), [1, 1])], [-9, -9], [9, 9], [1, 1]),
         ([([[1, 5e-324]], [1])], [-9, -9], [9, 9], [1, 0]),
     ],
 )
@@ -402,7 +402,7 @@ WEIGHTS = [
 def test_a_weighted_norm_is_its_rows_after_the_last_level_or_in_it(sample, weight, combined):
     batch, w = sample[0], np.ones(4) if weight is None else np.array(weight)
     first, (A, b) = batch.levels
-    size = sizes(A) + (sizes(A) == 0)  # that of the last level becomes one
+    size = sizes(A) + (sizes(A) == 0)  # the factor of the last level is one
     A, b = A / size[:, None, None], b / size[:, None]
     batch = replace(batch, levels=[first, (A, b)])
     wanted = np.random.default_rng(0).normal(size=batch.lower.shape)

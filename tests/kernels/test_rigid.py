@@ -66,7 +66,7 @@ def test_a_posture_equals_mujoco_at_its_joint_positions(name):
     pose = moved.pose
     computed_anew = Pose(pose.rotation, pose.translation_m).displacement()
     np.testing.assert_array_equal(mechanism.task(moved), computed_anew)
-    pose.displacement()[:] = np.nan  # the caller's own
+    pose.displacement()[:] = np.nan
     np.testing.assert_array_equal(pose.displacement(), computed_anew)
     arrays = moved.qpos, pose.rotation, pose.translation_m, moved.J_T, moved.J_C, moved.gaps
     assert not any(array.flags.writeable for array in (*arrays, moved.displacements))

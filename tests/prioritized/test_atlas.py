@@ -226,7 +226,7 @@ def test_springs_on_the_struts_act_as_locks_on_free_struts(sprung):
     assert elastic is not None
     assert elastic.possible.sum() == 729 - 64 - 192 - 48
     assert not elastic.unstable.any()
-    assert elastic.gap.min() >= 1e4  # what is nil is rounding: 4e4 to 2e5 by processor
+    assert elastic.gap.min() >= 1e4  # the rest is rounding: 4e4 to 2e5 by processor
 
 
 def test_the_hexapod_points_three_quarters_as_far_with_a_strut_locked(sprung):

@@ -103,7 +103,7 @@ def test_the_radius_is_that_of_the_hull_of_all_extreme_motions(data, sample):
         return
     expected = radius_of(points)
     np.testing.assert_allclose(a.radius, expected, atol=1e-8)
-    assert (a.radius > 0) == (expected > 1e-8)  # round-off is no room
+    assert (a.radius > 0) == (expected > 1e-8)  # round-off is no margin
     D = directions(sample.rng, len(major), 30)
     if a.status is AttainableStatus.INTERIOR:
         np.testing.assert_allclose((a.vertices @ D.T).max(axis=0), a.support(D), atol=1e-8)
@@ -131,7 +131,7 @@ def test_infinite_limits_equal_sufficiently_wide_ones(data, sample):
         endless, ended = attainable(major, (lower, upper)), attainable(major, wide)
         if np.isfinite(endless.radius):
             np.testing.assert_allclose(ended.radius, endless.radius, rtol=1e-6, atol=1e-6)
-        else:  # it grows with the limits, by however small a gain
+        else:  # it increases with the limits, even at a small gain
             assert attainable(major, wider).radius == pytest.approx(10 * ended.radius, rel=0.1)
             assert ended.radius > 0
 

@@ -56,7 +56,7 @@ def test_failures_commute_and_may_be_repeated(data, sample):
         system = system.with_failures(**event)
     assert system.failures == broken
     np.testing.assert_array_equal(system.kinematics().J, at_once.kinematics().J)
-    assert not sample.system.failures.locked  # the healthy one stays as it was
+    assert not sample.system.failures.locked  # the healthy one is unchanged
 
 
 @given(st.data(), systems(actives=(2, 4)), st.booleans(), st.booleans())
@@ -113,7 +113,7 @@ def test_a_locked_four_bar_linkage_cannot_move(seed, locked):
     np.testing.assert_allclose(kin.velocity_mapping([0])([1.0]), 0.0, atol=1e-9)
     dropped = velocity_mapping(np.delete(healthy.J, locked, axis=1), [0])([1.0])
     rates = np.insert(dropped, locked, 0.0)
-    assert np.abs(healthy.active_constraint @ rates).max() > 1e-2  # the loop would tear
+    assert np.abs(healthy.active_constraint @ rates).max() > 1e-2  # the loop would open
     # The remaining motor exerts internal forces only, so the structure bears the whole task force.
     mapping = kin.force_mapping([0], torque_weight=[1.0])
     np.testing.assert_allclose(mapping([1.0]), 0.0, atol=1e-9)

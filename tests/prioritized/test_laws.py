@@ -56,7 +56,7 @@ def test_all_methods_give_equal_rates(data, sample, size):
     made = kin.velocity_mapping(major, None, *W, rate_limits=box)
     result = made.solve(*goals)
     free, known = kin.velocity_mapping(major, None, *W), first.velocity_mapping(major, None, *W)
-    known(*goals)  # it remembers what it was called with
+    known(*goals)  # it stores its arguments
     before = first.velocity_mapping(major, None, *W, rate_limits=wide)
     before(*goals)
     moved = known.at(kin, rate_limits=box)
@@ -211,7 +211,7 @@ def test_any_arguments_may_be_batches_with_or_without_secondary_rows(made, data,
         "tie_metric": (data.draw(TALL), n),
     }
     J = rng.normal(size=(*(data.draw(AXES) or ()), m, n))
-    J[rng.random(J.shape[:-2]) < 0.2, 0] = 0.0  # out of reach
+    J[rng.random(J.shape[:-2]) < 0.2, 0] = 0.0  # unreachable
     axes = {name: data.draw(AXES) for name in shapes}
     given_ = {
         k: rng.normal(size=(*lead, *shapes[k])) for k, lead in axes.items() if lead is not None

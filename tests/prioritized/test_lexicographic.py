@@ -183,7 +183,7 @@ def test_the_oracles_agree_and_both_solutions_are_certified(problem):
     assert worst(problem, x) < 1e-11
     try:
         other = interior(problem)
-    except RuntimeError:  # Clarabel gives up on some that are nearly singular
+    except RuntimeError:  # Clarabel fails for some nearly singular problems
         assume(not [s for A, _ in problem.levels for s in np.linalg.svd(A)[1] if 1e-9 < s < 1e-3])
         raise
     assert worst(problem, other) < 1e-11

@@ -84,7 +84,7 @@ def test_every_basis_is_verified_by_explicit_motions(data, sample):
     closed, loose = spaces.motions(system), spaces.self_motions(system, kin)
     driven = spaces.null(
         np.vstack([spaces.closure(system), loose.T])
-    )  # motions that no self-motion is part of
+    )  # motions without self-motion
 
     for name, rows in (("unmanipulable", major), ("unmanipulable_task", range(len(J_T)))):
         moved = J_T[list(rows)] @ driven
@@ -93,7 +93,7 @@ def test_every_basis_is_verified_by_explicit_motions(data, sample):
 
     # Columns of `loose` are passive rates that close the loops with active joints at rest.
     moved = J_T @ loose
-    still = loose @ spaces.null(moved[major])  # of these, the ones that leave the major task alone
+    still = loose @ spaces.null(moved[major])  # those without major motion
     expected = {
         "unstable": moved,
         "unstable_major": moved[major],

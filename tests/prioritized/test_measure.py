@@ -178,7 +178,7 @@ def test_hinges_and_slides_have_equal_results_in_any_unit(unit, error):
     """Check ranks and statuses, least squares, limits, levels, torques; exact or rounded."""
     for seed in range(scaled(30)):
         here, there = _solved(seed, 1.0, error), _solved(seed, unit, error)
-        if min(here.pop("gap"), there.pop("gap")) < 2.0:  # a unit's own round-off may decide
+        if min(here.pop("gap"), there.pop("gap")) < 2.0:  # round-off of a unit may decide
             continue
         for name, answer in here.items():
             if isinstance(answer, np.ndarray):

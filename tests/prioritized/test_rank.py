@@ -76,8 +76,8 @@ def test_ranks_change_where_singular_values_cross_the_tolerance(seed, nearness, 
     assert velocity.rank == 1 + is_exact
     # Rates are finite, as the singular value is inverted or dropped.
     assert np.abs(velocity.major).max() <= 1.01 / (norm * RANK_TOLERANCE)
-    assert force.rank == 2  # any force may be asked for: the structure bears what J does not see
-    if abs(np.log10(small / RANK_TOLERANCE)) > 0.5:  # sqrt(2) either way
+    assert force.rank == 2  # any force: the structure bears what has no effect in J
+    if abs(np.log10(small / RANK_TOLERANCE)) > 0.5:  # a factor of sqrt(2)
         assert (force.status is Status.EXACT) == is_exact
         assert np.trace(force.reaction) == pytest.approx(0.0 if is_exact else 1.0, abs=1e-9)
 
@@ -335,11 +335,11 @@ GEOMETRIES = st.sampled_from(["general", "flat", "one top", "parallel"])
 def points(geometry: str, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return base and top points; all but the general ones are singular by symmetry."""
     bases, tops = rng.uniform(-1, 1, size=(2, count, 3)) + np.array([[[0, 0, -2]], [[0, 0, 2]]])
-    if geometry == "flat":  # all struts in one plane: nothing pushes across it
+    if geometry == "flat":  # all struts in one plane exert no force across it
         bases[:, 1] = tops[:, 1] = 0.0
-    if geometry == "one top":  # all struts meet at the payload's own origin: it turns freely there
+    if geometry == "one top":  # the payload rotates freely about the common point of all struts
         tops[:] = 0.0
-    if geometry == "parallel":  # nothing pushes sideways
+    if geometry == "parallel":  # no lateral force acts
         bases[:, :2] = tops[:, :2]
     return bases, tops
 
@@ -367,9 +367,9 @@ def test_a_tilted_mechanism_has_the_classification_of_the_upright_one(
     upright = platform(bases, tops).with_failures(*failed)
     tilted = platform(bases @ R.T, tops @ R.T).with_failures(*failed)
     kin, turned_kin = upright.kinematics(), tilted.kinematics()
-    assume(kin.closure_condition < 1e3)  # beyond 5e3 round-off of the loops may reach a verdict
+    assume(kin.closure_condition < 1e3)  # beyond 5e3 round-off of the loops may change a decision
     report, turned = kin.manipulability(major), turned_kin.manipulability(major @ twist.T)
-    assert str(report) == str(turned)  # every flag, and the number of directions of each
+    assert str(report) == str(turned)  # flags, and numbers of directions
     # A small worst gain has the round-off of the largest one.
     np.testing.assert_allclose(turned.worst_gain, report.worst_gain, atol=1e-8)
 

@@ -34,7 +34,7 @@ def test_force_times_velocity_is_torque_times_rate_for_every_motion(data, sample
         targets[0] - mapping.residual(targets[0]), mapping.secondary_force(*targets)
     )
 
-    theta_dot = spaces.motions(system)  # each column a motion, all of them together any motion
+    theta_dot = spaces.motions(system)  # columns span all motions
     v, rates = system.J_T @ theta_dot, theta_dot[kin.active]
     np.testing.assert_allclose(f @ v, torques @ rates, atol=1e-7)
     # The model gives v = J rates + any self-motion.

@@ -201,7 +201,7 @@ def test_a_separate_body_is_at_rest_unless_it_is_part_of_the_task(seed):
     assert tick is not None
     N, posed = J_T.shape[1], np.concatenate([v, desired])
     lower, upper = np.full(N, -np.inf), np.full(N, np.inf)
-    lower[-1] = 0.1  # it cannot be that the cube moves
+    lower[-1] = 0.1  # the cube cannot move
     assert tick(J_T, J_C, posed, (lower, upper)) is None
     J_T[0, -1] = 1.0
     assert tick(J_T, J_C, posed, (-upper, upper)) is None

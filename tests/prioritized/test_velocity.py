@@ -67,7 +67,7 @@ def test_theorems_3_4_and_5_are_special_cases(seed, m1, m2, extra):
         ((None, W2), theorem_5(J_m, J_s, W2), ["secondary"], 1e-6),
     ):
         mapping = velocity_mapping(J, major, None, *W)
-        rates = mapping(v_m, *targets.values())  # before there are gains: computed another way
+        rates = mapping(v_m, *targets.values())  # before gains are computed
         expected = major_gain @ v_m + goals_gain @ np.concatenate([targets[goal] for goal in goals])
         np.testing.assert_allclose(rates, expected, atol=10 * atol)
         result = np.hstack([getattr(mapping, goal) for goal in goals])
@@ -184,7 +184,7 @@ def test_damping_bounds_the_rates_near_any_singularity(seed, nearness, small, bo
     np.testing.assert_allclose(Z @ J.T @ miss, damping**2 * Z @ rates, rtol=1e-6, atol=round_off)
 
 
-FADING = st.one_of(st.integers(0, 300), st.integers(153, 161))  # of these squares are denormal
+FADING = st.one_of(st.integers(0, 300), st.integers(153, 161))  # their squares are denormal
 
 
 @given(SEEDS, st.integers(1, 3), FADING)

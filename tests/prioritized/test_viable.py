@@ -209,7 +209,7 @@ def test_limits_are_restored_from_any_state(seed):
     x, v = rng.uniform(-5, 5, 300), rng.uniform(-5, 5, 300)
     viable = np.zeros(300, dtype=bool)
     for _, w, before, box in walk(joints, x, v, 1500, rng):
-        assert (box.viable | ~viable).all()  # once saved, for ever
+        assert (box.viable | ~viable).all()  # viable states stay viable
         viable = box.viable
         assert (box.lower <= box.upper).all()
         assert (box.viable | (box.lower == box.upper)).all()

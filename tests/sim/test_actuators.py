@@ -97,7 +97,7 @@ def test_the_response_to_a_command_is_that_of_the_linear_model(name):
     of, start = posed(name)
     robot, kin = Plant(of, **WORLD, start=start), kinematics(jacobians(of, start, "tool"))
     lin, Z = robot.linear(), scipy.linalg.null_space(kin.active_constraint)
-    for command in 1e-4 * Z @ Z.T:  # of each drive alone, or what loops allow of it
+    for command in 1e-4 * Z @ Z.T:  # each drive alone, as far as the loops admit
         plant, size = copy.deepcopy(robot), len(lin.A)
         drift = np.block([[lin.A, (lin.B @ command)[:, None]], [np.zeros((1, size + 1))]])
         tick, x = scipy.linalg.expm(drift * PERIOD_S), np.eye(size + 1)[-1]
@@ -366,7 +366,7 @@ def plant(request) -> Plant:
 def of_failures(plant: Plant) -> bytes:
     """Serialize all that failures may change: the model and active equalities."""
     model = copy.copy(plant.model)
-    model.opt.disableactuator = 0  # of groups that nothing is in
+    model.opt.disableactuator = 0  # groups without elements
     content = np.empty(mujoco.mj_sizeModel(model), dtype=np.uint8)
     mujoco.mj_saveModel(model, None, content)
     return content.tobytes() + plant.data.eq_active.tobytes()

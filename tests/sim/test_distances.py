@@ -144,7 +144,7 @@ def test_groups_are_geoms_and_bodies_with_their_subtrees():
     assert pairs_of(([Body("left")], ["r1", "air"])) == [[0, 3], [1, 3], [2, 3]]
     assert pairs_of(([Body("hand")], [Body(4)])) == [[1, 3], [2, 3]]
     everything = [Body("left"), Body("right")]
-    every = [[0, 2], [0, 3], [1, 3], [2, 3]]  # but for parents
+    every = [[0, 2], [0, 3], [1, 3], [2, 3]]  # except parents
     assert pairs_of((everything, everything)) == every
 
 
@@ -202,7 +202,7 @@ def check_scene(seed: int) -> float:
     fresh = mujoco.MjData(model)
     fresh.qpos[:] = start
     mujoco.mj_kinematics(model, fresh)
-    for name in ("qpos", "geom_xpos", "geom_xmat"):  # up to date, where it was
+    for name in ("qpos", "geom_xpos", "geom_xmat"):
         np.testing.assert_array_equal(getattr(data, name), getattr(fresh, name))
     return fraction
 
@@ -222,7 +222,7 @@ def test_a_turn_about_the_nearest_corner_lowers_the_other_one():
     """The row is that of the nearest corner, and allows a step through the floor."""
     model = mujoco.MjModel.from_xml_string(BEAM)
     data, distances = mujoco.MjData(model), Distances(model, margin_m=MARGIN_M, detection_m=0.1)
-    data.qpos[1] = 0.01  # one end is 1 cm lower
+    data.qpos[1] = 0.01
     near, qvel = distances.at(data), np.array([0.0, -2.0])
     lower = -distances.gain / DT * (near.distance_m - MARGIN_M)
     assert (near.rows @ qvel >= lower).all()

@@ -55,7 +55,7 @@ def test_an_equality_counts_while_it_is_active():
     np.testing.assert_array_equal(np.flatnonzero(braked[ROWS]), of.joint("weight").dofadr)
     data.eq_active[of.equality("grip").id] = False
     assert len(jacobians(of, data, tool).J_C) == ROWS + 1 - 6
-    with pytest.raises(ModelError, match="no actuator moves 'payload'"):  # it has been let go
+    with pytest.raises(ModelError, match="no actuator moves 'payload'"):  # it is released
         jacobians(of, data, "payload")
     data.eq_active[:] = False
     assert jacobians(of, data, tool).J_C.shape == (0, of.nv)
@@ -209,7 +209,7 @@ def test_sleeping_trees_have_the_same_jacobians_as_awake_ones(drive):
     model, data = asleep(drive)
     sleeping = jacobians(model, data, ["tool", CenterOfMass()])
     closed = assemble(model, data)
-    assert data.ntree_awake == 0  # as it was
+    assert data.ntree_awake == 0  # unchanged
     model.opt.enableflags = 0
     awake = jacobians(model, data, ["tool", CenterOfMass()])
     assert len(awake.J_C) == 1 + ("joint" not in drive)

@@ -67,5 +67,5 @@ def test_a_record_does_not_change_with_its_arguments(kind):
     for name, value in mine.items():
         if isinstance(value, np.ndarray):
             before = getattr(record, name).copy()
-            value[...] = 7  # and it can be: it is the caller's own
+            value[...] = 7  # it can be, as the caller owns it
             np.testing.assert_array_equal(getattr(record, name), before)

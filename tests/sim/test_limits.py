@@ -23,7 +23,7 @@ def position(data: mujoco.MjData, name: str) -> float:
 AT_A_LIMIT = [
     ('joint "hinge"', {"hinge": np.deg2rad(60.0), "slide": 0.19}),
     ('joint "hinge"', {"hinge": np.deg2rad(-40.0), "slide": -0.05}),
-    ('joint "hinge"', {"hinge": np.deg2rad(60.0) + 1e-3, "slide": 0.19}),  # and beyond
+    ('joint "hinge"', {"hinge": np.deg2rad(60.0) + 1e-3, "slide": 0.19}),
     ('joint "slide"', {"slide": 0.2}),
     ('joint "slide"', {"slide": -0.1 + 1e-8}),  # or as near
     ('joint "ball"', {"ball": np.deg2rad(50.0)}),
@@ -85,7 +85,7 @@ def test_limits_disabled_by_flags_have_no_effect(flag):
     data = limited(slide=0.2)
     data.model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, flag))
     jac = jacobians(data.model, data, "tool", stuck_at_limits=True)
-    assert len(jac.J_C) == 2  # of the rope and of the ball's motor
+    assert len(jac.J_C) == 2  # for the rope and the ball's motor
     assert jacobians(data.model, data, "tool").warnings == ()
 
 
@@ -112,9 +112,9 @@ SPRUNG = (
 def test_a_simulated_finger_moves_as_predicted_with_its_coupler_stuck(turn_rad, margin):
     """The prediction without the limit is that of a free coupler."""
     finger = model("five_bar", *SPRUNG)
-    finger.jnt_margin[finger.joint("left_elbow").id] = margin  # where the limit begins to push back
+    finger.jnt_margin[finger.joint("left_elbow").id] = margin  # at which the limit starts to act
     data = assemble(finger)
-    mujoco.mj_step(finger, data, 4000)  # onto the limit, which gives a little
+    mujoco.mj_step(finger, data, 4000)  # onto the limit, which is soft
     start = pose_of(finger, data, "tool").translation_m
     still = mujoco.MjData(finger)
     still.qpos[:] = data.qpos
@@ -171,14 +171,14 @@ def test_contacts_give_warnings_with_the_names_of_the_bodies():
     for height, margin, gap, warnings in (
         (0.0, 0.0, 0.0, (warning,)),
         (1e-3, 0.0, 0.0, ()),
-        (1e-3, 2e-3, 0.0, (warning,)),  # the floor pushes within the margin,
-        (1e-3, 0.0, 2e-3, ()),  # and is only noticed within the gap
+        (1e-3, 2e-3, 0.0, (warning,)),  # the floor exerts force within the margin,
+        (1e-3, 0.0, 2e-3, ()),
     ):
         data = leg(height)
         data.model.geom_margin[-1], data.model.geom_gap[-1] = margin, gap
         assert jacobians(data.model, data, "sole").warnings == warnings
     with pytest.raises(ModelError, match=r"no actuator moves 'trunk'.* stands on in pinned="):
-        jacobians(data.model, data, "trunk")  # a leg in the air
+        jacobians(data.model, data, "trunk")  # lifted leg
 
 
 @pytest.mark.parametrize("frame", ["sole", Body("foot"), "toe", Body("toe")])

@@ -90,7 +90,7 @@ def test_a_released_servo_leaves_the_linear_model_without_its_feedback(name):
         real = broken.linear()
         np.testing.assert_allclose(A, real.A, atol=1e-6 * np.abs(linear.A).max())
         np.testing.assert_allclose(B, real.B, atol=1e-6 * np.abs(B).max())
-        np.testing.assert_allclose(push, 0.0, atol=1e-6)  # no gravity: nothing was held
+        np.testing.assert_allclose(push, 0.0, atol=1e-6)  # without gravity no force is required
 
 
 @pytest.mark.parametrize("k", [0, 1])

@@ -25,7 +25,7 @@ def written(folder: Path, content: str) -> Path:
 
 
 HUGE = ("inf", "-1e300", "1e20")
-BROKEN = {  # what is replaced, by what, and which sentence names it
+BROKEN = {  # replaced text, new text, and expected message
     'timestep="0.002"': ("timestep", ("1e9", "1e-9", "0", "-1", "inf")),
     'gravity="0 0 -9.81"': ("gravity", ("0 0 1e20", "0 inf 0")),
     'density="0"': ("density", HUGE),

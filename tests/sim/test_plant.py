@@ -144,7 +144,7 @@ def test_without_damping_energy_is_conserved_at_every_step(model, mode, seconds)
     energy = []
     for _ in range(round(seconds / undamped.opt.timestep)):
         before = data.qvel.copy()
-        mujoco.mj_step(undamped, data)  # data.energy[0] is of the position it started from
+        mujoco.mj_step(undamped, data)  # data.energy[0] belongs to the previous position
         centred = (before + data.qvel) / 2
         # Positions and velocities of semi-implicit Euler differ by half a step.
         mujoco.mj_mulM(undamped, data, momentum, centred)
@@ -304,7 +304,7 @@ def test_motion_of_the_payload_is_measured_from_its_nominal_pose(name, base):
         np.testing.assert_allclose(plant.displacement(), 0.0, atol=5e-15)
         np.testing.assert_allclose(plant.pose().rotation, np.eye(3), atol=5e-15)
         R, payload = (plant.data.site(s).xmat.reshape(3, 3) for s in ("base", "payload"))
-        assert Rotation.from_matrix(R.T @ payload).magnitude() > 0.1  # which was once shown
+        assert Rotation.from_matrix(R.T @ payload).magnitude() > 0.1
         size = 0.1 if base == ON_ARM else 1e-4
         plant.step(size * np.cos(np.arange(plant.model.nu)), 0.02)
         axes = np.eye(3)
@@ -314,7 +314,7 @@ def test_motion_of_the_payload_is_measured_from_its_nominal_pose(name, base):
         expected = (world_displacement(plant).reshape(2, 3) @ axes).ravel()
         np.testing.assert_allclose(plant.displacement(), expected, atol=1e-13)
         assert np.abs(expected).max() > 1e-6
-        plant.axes[:], plant.origin_m[:] = 7.0, 7.0  # copies
+        plant.axes[:], plant.origin_m[:] = 7.0, 7.0
         np.testing.assert_allclose(plant.axes, axes, atol=1e-15)
         np.testing.assert_allclose(plant.origin_m, nominal, atol=1e-15)
 

@@ -51,7 +51,7 @@ def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(brows
     with pages.served(folder, "--port", str(pages.free_port())) as (process, url):
         page = pages.BrowserPage(browser.new_page(viewport=pages.SMALL), url)
         page.click("Save the last minute")
-        wait_for(lambda: any(folder.glob("*")))  # writing has started
+        wait_for(lambda: any(folder.glob("*")))
         page.page.close()
         process.send_signal(signal.SIGINT)
         ended(process, signal.SIGINT)

@@ -47,7 +47,7 @@ def test_page_of_another_origin_or_name_is_rejected(page, capfd, origin, host):
 def test_served_page_is_accepted(page, host):
     with connected(page, f"http://{host}:{{port}}", host) as client:
         assert client.recv(timeout=10)
-        client.send(b"0" * 100_000)  # it ends the connection, and nothing else
+        client.send(b"0" * 100_000)  # it only ends the connection
         with pytest.raises(ConnectionClosed):
             while True:
                 client.recv(timeout=10)

@@ -17,7 +17,7 @@ from tests.fjh.rigs import rig
 def test_last_minute_is_read_back_from_the_next_recording(tmp_path):
     """The run has a locked and repaired strut, a weak one, and a bump."""
     session, file = Session(rig("hexapod"), seed=4), tmp_path / "live_2.rrd"
-    (tmp_path / "live_1.rrd").touch()  # of another day
+    (tmp_path / "live_1.rrd").touch()
     session.advance(19)
     session.make(0, "locked")
     session.advance(20)

@@ -68,7 +68,7 @@ def test_actions_undone_between_two_ticks_have_no_effect(session):
     for name in (*LASTING, "bump"):
         start = session.tick
         session.disturb(name, None if name == "bump" else True)
-        assert session.going_on == {name} - {"bump"}  # which is over by itself
+        assert session.going_on == {name} - {"bump"}  # which ends by itself
         for one in (session, calm):
             one.advance(20)
         session.disturb(name, False)

@@ -52,7 +52,7 @@ def viewer():
 def test_every_view_of_a_recording_has_content(viewer, request, study, name, expected):
     """Recordings open with their layout and without warnings."""
     show(viewer, request.getfixturevalue(f"{study}_folder") / f"{name}.rrd", None)
-    photograph(viewer)  # until it has come to rest, the views may be another recording's
+    photograph(viewer)  # before, views may belong to another recording
     views = viewer.get_state().views
     for view in views:
         image = pixels(viewer.take_screenshot(view.view_id))

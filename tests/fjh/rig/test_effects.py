@@ -165,7 +165,7 @@ def test_a_coil_has_the_documented_fraction_of_its_force():
         expected, struts = full[: ticks - 1].copy(), slice(None) if name in SUPPLY else slice(2, 3)
         expected[:, struts] *= part[: ticks - 1, None]
         measured = forces([name], ticks)
-        if name == "spring_lost":  # the coils of the others carry what it leaves
+        if name == "spring_lost":  # the coils of the others bear the rest
             measured, expected = measured[:, struts], expected[:, struts]
         np.testing.assert_allclose(measured, expected, rtol=1e-12, err_msg=name)
 
@@ -263,7 +263,7 @@ def test_ten_times_the_damping_needs_ten_times_the_force(gantry):
 def read(name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the readings from an event on and without it, in standard deviations."""
     run, quiet, noise = of_one_event(name), of_one_event(None), rig("hexapod").noise
-    np.testing.assert_array_equal(run.qpos, quiet.qpos)  # a sensor moves nothing
+    np.testing.assert_array_equal(run.qpos, quiet.qpos)  # a sensor has no effect
     return run.measured[ONSET:] / noise, quiet.measured[ONSET:] / noise
 
 

@@ -165,7 +165,7 @@ def test_the_controls_are_those_of_the_controllers_model(seed):
     )[1]
     assert ratio[0] == pytest.approx(gains[0], abs=1e-4)  # a coil moves by its gain
     assert ratio[1] == pytest.approx(1.0, abs=1e-4)  # a servo reaches its target for any gain
-    assert abs(ratio[2] - 1) < abs(gains[2] - 1)  # one against a spring, in part
+    assert abs(ratio[2] - 1) < abs(gains[2] - 1)  # one acts partly against a spring
 
 
 STEPS = np.outer(np.repeat([0.0, 1e-3], [20, 80]), np.arange(7.0))
@@ -206,7 +206,7 @@ def test_zeros_of_sensors_drift_and_the_task_from_encoders_with_them(sense):
     if sense == "joints":
         mechanism = Mechanism(load_model(ARM, add_locks=True))
         J = mechanism.jacobians(mechanism.nominal).J_T[:2]
-        ramp, expected = ramp[:20], (ramp * (J @ encoders[-1]))[:20]  # before the steps turn it
+        ramp, expected = ramp[:20], (ramp * (J @ encoders[-1]))[:20]
         np.testing.assert_allclose(task[:20], expected, rtol=2e-3, atol=1e-9)
     else:
         np.testing.assert_allclose(task, ramp * task[-1], atol=1e-15)
@@ -270,7 +270,7 @@ def test_the_payload_rests_at_its_nominal_pose_for_any_springs(one):
     for seed in range(3):
         plant = Plant(one.with_mismatch(hexapod.ALL, seed).machine.model)
         plant.settle(1.0)
-        assert np.abs(plant.displacement()).max() < 1e-8  # the closures give by as much
+        assert np.abs(plant.displacement()).max() < 1e-8  # the closures deviate by as much
 
 
 def test_the_drift_of_the_detectors_zero_changes_only_the_readings(one):

@@ -162,7 +162,7 @@ def test_table1_includes_another_controller_and_fails_if_its_run_fails(folder, t
         np.testing.assert_allclose(stated, np.sqrt((off_urad**2).mean(axis=0)), rtol=1e-12)
         assert f"{stated[0]:.4f}" in page
         assert len(scalars(out / column["recording"], "/task/true")[0]) > 0
-    with np.load(out / "Broken_W_d.npz") as data:  # as last sent
+    with np.load(out / "Broken_W_d.npz") as data:  # as sent last
         inputs = data["strut_input_percent"]
     assert np.ptp(inputs[:50], axis=0).max() > 0 and not np.ptp(inputs[49:], axis=0).any()
     columns, further = (pd.DataFrame(summary[name]) for name in ("columns", "further_runs"))

@@ -127,7 +127,7 @@ def test_nothing_is_predicted_after_a_loose_strut_leaves_its_range():
     one, path = rig("hexapod"), path_of("hexapod", 0.6)
     failures = [Failure("strut1", "loose", 0.1)]
     run = one.fly(one.controller(), path, failures=failures)
-    assert np.abs(run.displacement[:, 0]).max() > 0.99 * one.travel[1][0]  # on its stop
+    assert np.abs(run.displacement[:, 0]).max() > 0.99 * one.travel[1][0]  # at its stop
     for known in (True, False):
         predicted = one.predict(path, failures=failures, told=known)
         assert predicted.leaves == "strut1"

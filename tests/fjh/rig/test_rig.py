@@ -54,7 +54,7 @@ def test_both_rigs_of_the_hexapod_treat_a_free_strut_equally():
         one = rig(name)
         assert one.unused == "locked"
         run = one.fly(one.supervisor("none"), path_of(name, 1.6), failures=failures)
-        first = one.actuators[0]  # the file calls its coil1
+        first = one.actuators[0]  # the name in the file is coil1
         assert run.diagnoses[0].actuator == first and not run.task_lost
         assert f"{first} was identified as free at" in run.status
 

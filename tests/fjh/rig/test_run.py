@@ -107,7 +107,7 @@ def test_without_readings_the_commands_are_held(what, kind):
 )
 def test_occasional_missing_readings_cost_little_and_raise_no_alarm(what):
     run, healthy = simulated("hexapod", what), simulated("hexapod", "none")
-    if what == "50 ms":  # and then as without
+    if what == "50 ms":
         np.testing.assert_allclose(error(run)[-50:], error(healthy)[-50:], atol=3e-6)
     elif what == "one NaN":
         assert (run.inputs[ONSET] == run.inputs[ONSET - 1]).all()

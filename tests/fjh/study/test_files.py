@@ -108,7 +108,7 @@ def write_recording(path: Path) -> None:
 WRITERS = {
     "a.npz": lambda path: write_arrays(path, {"x": np.arange(1000.0)}),
     "a.json": lambda path: write_json(path, {"x": list(range(1000))}),
-    "a.png": lambda path: path.write_bytes(bytes(10 * BYTES)),  # as figures are
+    "a.png": lambda path: path.write_bytes(bytes(10 * BYTES)),
     "a.rrd": write_recording,
 }
 

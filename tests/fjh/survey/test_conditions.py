@@ -66,7 +66,7 @@ def test_measured_hexarotor_loses_directions_with_less_than_one_percent(tmp_path
     at_rest, zero, frame = np.linalg.pinv(B_measured) @ hover, np.zeros(6), conditions(survey)
     healthy = radius(B_measured, zero, zero + 4, hover)
     for code, row in zip(survey.start.codes, frame.itertuples(), strict=True):
-        stuck = np.where(code == LOCKED, at_rest, 0.0)  # one that is free has no thrust
+        stuck = np.where(code == LOCKED, at_rest, 0.0)  # a free one has no thrust
         left = radius(B_measured, stuck, np.where(code, stuck, 4.0), hover)
         assert row.survived == (left / healthy > LEAST_LEFT == 0.01), row
         assert row.worst_effect == pytest.approx(left, abs=1e-8)
