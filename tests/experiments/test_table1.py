@@ -13,7 +13,7 @@ from fjh.rig.hexapod.columns import COLUMNS
 from fjh.rig.hexapod.machine import detector_noise_rad
 from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import TestbedConfig
-from tests.fjh.rigs import rig as shared_rig
+from tests.fjh.rigs import shared_rig
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from fjh.track import TrackedRuns, compare_prediction, rows_of, track
 from ftc.reconfiguration import ErrorPrediction
 from sim import HEXAPOD_MJCF, Array, Failure
 from tests.arms import ARMS as SERIAL
-from tests.fjh.rigs import rig as rig_of
+from tests.fjh.rigs import shared_rig
 from tests.robots import PANDA
 
 ARM, PLATFORM, HAND, ARMS = (
@@ -59,11 +59,11 @@ NOISE = {ARM: 2e-6, PLATFORM: 2e-6, HAND: 5e-7, ARMS: 2e-6, None: None}
 @pytest.mark.parametrize(("model", "noise"), NOISE.items())
 def test_without_a_failure_the_error_is_that_of_the_linear_model(model, noise):
     """The path is deterministic; noise is small, since one second averages little."""
-    one = tracked(model, turn=1.0, noise=noise)
-    rows, results = one.tables["rows"], one.overall
+    result = tracked(model, turn=1.0, noise=noise)
+    rows, results = result.tables["rows"], result.overall
     np.testing.assert_allclose(rows.rms_before[:2], rows.predicted_rms_before[:2], rtol=0.05)
     assert results["rms_after"] is None and results["predicted_rms_after"] is None
-    assert one.settings["failures"] == results["possible_after"] == results["diagnoses"] == []
+    assert result.settings["failures"] == results["possible_after"] == results["diagnoses"] == []
     assert results["closure_residual_max_m"] < 1e-8  # the demands decelerate at the end of the path
 
 
@@ -83,16 +83,16 @@ LOCKS = [
 def test_lock_is_identified_and_error_is_as_predicted_for_its_delay(model, options, within_s):
     """The dither isolates the lock for each robot; the prediction includes the delay."""
     failed = FAILS[model]
-    one = tracked(model, duration=2.0, fail=[f"{failed}:locked@0.8"], **options)
-    [identified] = one.overall["diagnoses"]
+    result = tracked(model, duration=2.0, fail=[f"{failed}:locked@0.8"], **options)
+    [identified] = result.overall["diagnoses"]
     assert (identified["actuator"], identified["kind"]) == (failed, "locked")
     assert 0 <= identified["delay_s"] < within_s
-    assert one.overall["possible_after"] == [True] and not one.overall["task_lost"]
-    assert one.overall["prediction_off_after"] < 0.1
-    run, actuators = run_of(one), one.settings["actuators"]
+    assert result.overall["possible_after"] == [True] and not result.overall["task_lost"]
+    assert result.overall["prediction_off_after"] < 0.1
+    run, actuators = run_of(result), result.settings["actuators"]
     after = run["displacement"][run["time_s"] >= 0.802, actuators.index(failed)]
-    assert np.ptp(after) < 1e-3 * one.settings["path_size"]
-    isolable = one.settings["dither"]["isolable"]
+    assert np.ptp(after) < 1e-3 * result.settings["path_size"]
+    isolable = result.settings["dither"]["isolable"]
     assert options["dither"] == "default" or len(isolable) >= 2 * len(actuators)
 
 
@@ -100,10 +100,10 @@ def test_lock_is_identified_and_error_is_as_predicted_for_its_delay(model, optio
 def test_the_error_at_rest_is_that_of_noise_and_dither():
     """Noise and dither alone cause the error; the run without a dither gives the part of noise."""
     at_rest = partial(tracked, ARM, noise=2e-6, turn=1e6, path="steps", duration=0.6)
-    one, still = (at_rest(sense="both", dither=dither) for dither in ("10", "none"))
-    cost = np.array(one.settings["dither"]["task_motion"]) / np.sqrt(2)
+    result, still = (at_rest(sense="both", dither=dither) for dither in ("10", "none"))
+    cost = np.array(result.settings["dither"]["task_motion"]) / np.sqrt(2)
     of_noise = still.tables["rows"].predicted_rms_before
-    for results in (one.tables["rows"].rms_before, one.tables["rows"].predicted_rms_before):
+    for results in (result.tables["rows"].rms_before, result.tables["rows"].predicted_rms_before):
         np.testing.assert_allclose(results, np.hypot(cost, of_noise), rtol=0.15)
     assert (cost > 2 * of_noise).all()
 
@@ -164,12 +164,14 @@ def test_error_without_diagnosis_is_that_of_a_run_without_diagnosis():
 def test_failure_that_is_not_isolable_is_reported_before_and_after(capfd):
     """The advised option isolates the failure, for which half a second is enough."""
     unisolable: dict[str, Any] = {"sense": "task", "duration": 0.4, "fail": ["motor1:locked@0.3"]}
-    one = tracked(PLATFORM, **unisolable)
+    result = tracked(PLATFORM, **unisolable)
     advised = (
         "motor1 locked may not be identified: by the linear model --dither default tells it apart"
     )
     assert capfd.readouterr().err == f"fjh: {advised}\n"
-    assert one.overall["advice"] == [advised.replace("may not be identified", "was not diagnosed")]
+    assert result.overall["advice"] == [
+        advised.replace("may not be identified", "was not diagnosed")
+    ]
     improved = tracked(PLATFORM, **unisolable, dither="default").settings["dither"]
     assert {"actuator": "motor1", "kind": "locked"} in improved["isolable"]
     with pytest.raises(WrongInput, match="the major task leaves no motion for a dither"):
@@ -197,7 +199,7 @@ def test_failure_that_is_not_isolable_is_reported_before_and_after(capfd):
 )
 def test_run_with_a_false_diagnosis_is_not_compared(identified, why):
     """A run with a lock diagnosed as weak is not compared either; the reason is reported."""
-    rig, failure = rig_of("arm", crossover=0.7), Failure(3, "locked", 0.1)
+    rig, failure = shared_rig("arm", crossover=0.7), Failure(3, "locked", 0.1)
     run = rig.fly(rig.controller(), rig.path("circle", duration_s=0.3, turn_s=1.0))
     run = replace(run, diagnoses=(identified,), failures=(failure,))
     predicted = rig.predict(run.desired, failures=[failure])

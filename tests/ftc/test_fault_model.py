@@ -170,7 +170,7 @@ def test_dampers_are_stepped_as_the_integrator_steps_them(
     integrator, eulerdamp, damping, kv, implicit
 ):
     """Step responses of a healthy plant and of one without a servo agree to 1 %."""
-    lifted = models.model(
+    lifted = models.model_of(
         "lifted",
         ('timestep="1e-4" integrator="Euler"', f'timestep="1e-3" integrator="{integrator}"'),
         ('eulerdamp="disable"', f'eulerdamp="{eulerdamp}"'),

@@ -11,7 +11,7 @@ from fjh.ik import Ik
 from prioritized import ConstrainedSystem
 from sim import MODELS, CenterOfMass, FrameTask, JacobianReader, Jacobians, jacobians, load_model
 from sim.mjcf.accuracy import roundings
-from tests.models import model
+from tests.models import model_of
 from tests.motions import kinematics
 from tests.sim.machines import at, stretched
 
@@ -99,7 +99,7 @@ BASE = '<joint name="base" axis="0.3 -0.5 0.8" pos="0.2 0.1 -0.3"/>'
 
 def parallelogram(base: str, driven: str) -> mujoco.MjModel:
     joint, motor = '<joint name="base" axis="0 0 1"/>', '<motor name="turn" joint="base"/>'
-    return model("parallelogram", (joint, base), (motor, driven))
+    return model_of("parallelogram", (joint, base), (motor, driven))
 
 
 @pytest.mark.parametrize("gap", [1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3])
@@ -113,9 +113,9 @@ def test_loop_gaps_do_not_change_the_classification(make, freedoms, rate, driven
     expected = (0, 0, freedoms + 1) if driven else (1, 0, freedoms)
     exact = kinematics(taken(mechanism)).J
     for axis in range(3):
-        of = copy.copy(mechanism)
-        of.eq_data[-1, axis] += gap
-        jac = jacobians(of, mujoco.MjData(of), "tool", closure_tolerance=2e-3)
+        model = copy.copy(mechanism)
+        model.eq_data[-1, axis] += gap
+        jac = jacobians(model, mujoco.MjData(model), "tool", closure_tolerance=2e-3)
         assert jac.closure_residual == pytest.approx(gap, rel=1e-3)
         assert classification(jac) == expected
         assert np.abs(kinematics(jac).J - exact).max() < rate * gap + 1e-12

@@ -10,7 +10,7 @@ import pytest
 import scipy.linalg
 
 from sim import MODELS, ClosureError, Failure, ModelError, Plant, jacobians, load_model
-from tests.models import model as model_of
+from tests.models import model_of
 from tests.motions import kinematics
 from tests.sim.machines import POSES, WORLD, at, pendulum, posed, started
 
@@ -94,8 +94,8 @@ def test_a_start_out_of_balance_is_rejected():
 @pytest.mark.parametrize("name", POSES)
 def test_the_response_to_a_command_is_that_of_the_linear_model(name):
     """The transient agrees within 1 % of the peak; at rest the payload has moved by J command."""
-    of, start = posed(name)
-    robot, kin = Plant(of, **WORLD, start=start), kinematics(jacobians(of, start, "tool"))
+    model, start = posed(name)
+    robot, kin = Plant(model, **WORLD, start=start), kinematics(jacobians(model, start, "tool"))
     lin, Z = robot.linear(), scipy.linalg.null_space(kin.active_constraint)
     for command in 1e-4 * Z @ Z.T:  # each drive alone, as far as the loops admit
         plant, size = copy.deepcopy(robot), len(lin.A)

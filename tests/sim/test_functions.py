@@ -29,7 +29,7 @@ from sim import (
 from sim.kinematics.pose import pose_difference
 from sim.mjcf import one_half_turn
 from sim.mjcf.frame import rotation_vector
-from tests.models import model as model_of
+from tests.models import model_of
 from tests.motions import change, check_slope, shifted
 from tests.sim.machines import closed, humanoid, opened
 
@@ -273,30 +273,32 @@ TASKS = [
 @pytest.mark.parametrize("task", TASKS, ids=str)
 def test_the_rows_of_a_task_are_the_slope_of_its_displacement(task, axes):
     """Check every velocity, hence the error that rates reduce."""
-    of = arms()
-    data = closed(of)
-    target = pose_of(of, data, task, axes)
+    model = arms()
+    data = closed(model)
+    target = pose_of(model, data, task, axes)
     if isinstance(task, CenterOfMass):
         target = target.translation_m
 
     def displacement(h: float) -> np.ndarray:
-        ends = [shifted(of, data, h * e) for e in np.eye(of.nv)]
-        return -np.transpose([pose_error(of, end, task, target, axes) for end in ends])
+        ends = [shifted(model, data, h * e) for e in np.eye(model.nv)]
+        return -np.transpose([pose_error(model, end, task, target, axes) for end in ends])
 
-    check_slope(jacobians(of, data, task, axes).J_T[:, : of.nv], displacement, h=4e-3, most=1e-4)
+    check_slope(
+        jacobians(model, data, task, axes).J_T[:, : model.nv], displacement, h=4e-3, most=1e-4
+    )
 
 
 def test_rows_of_several_tasks_are_stacked_and_indexed_by_task():
-    of = arms()
-    data = closed(of, 1)
+    model = arms()
+    data = closed(model, 1)
     looking = LookAtTask("left", [0, 0, 1], target=np.ones(3))
-    functions = [looking, JointCouplingTask({"a1": 1.0}), PostureTask(target=of.qpos0)]
+    functions = [looking, JointCouplingTask({"a1": 1.0}), PostureTask(target=model.qpos0)]
     tasks = [*TASKS, *functions]
-    jac = JacobianReader(of, tasks, "room").at(data)
+    jac = JacobianReader(model, tasks, "room").at(data)
     assert [jac.rows[task].stop for task in tasks[:8]] == [6, 12, 15, 18, 24, 30, 32, 33]
-    assert jac.J_T.shape == (jac.rows[tasks[8]].stop, of.nv + 3)  # three drives of the ball
+    assert jac.J_T.shape == (jac.rows[tasks[8]].stop, model.nv + 3)  # three drives of the ball
     for task in tasks:
-        alone = jacobians(of, data, task, "room")
+        alone = jacobians(model, data, task, "room")
         np.testing.assert_array_equal(jac.J_T[jac.rows[task]], alone.J_T)
     # The floating trunk of two frames does not move them relative to each other.
     between = jac.J_T[jac.rows[Relative("left", "right")]]
@@ -304,16 +306,16 @@ def test_rows_of_several_tasks_are_stacked_and_indexed_by_task():
 
 
 def test_a_name_is_that_of_a_site_or_else_of_a_body():
-    of = arms()
-    data = mujoco.MjData(of)
-    by_name = jacobians(of, data, ["fore1", Relative("right", "fore1")], axes="fore1")
-    by_body = jacobians(of, data, [Body("fore1"), Relative("right", Body("fore1"))])
+    model = arms()
+    data = mujoco.MjData(model)
+    by_name = jacobians(model, data, ["fore1", Relative("right", "fore1")], axes="fore1")
+    by_body = jacobians(model, data, [Body("fore1"), Relative("right", Body("fore1"))])
     R = data.body("fore1").xmat.reshape(3, 3)
     np.testing.assert_allclose(by_name.J_T, np.kron(np.eye(4), R.T) @ by_body.J_T, atol=1e-12)
-    pose = pose_of(of, data, "fore1")
+    pose = pose_of(model, data, "fore1")
     np.testing.assert_array_equal(pose.translation_m, data.body("fore1").xpos)
     for pin in ("fore1", Pin("fore1")):
-        with_pin = jacobians(of, data, "left", pinned=[pin], active=True).J_C
+        with_pin = jacobians(model, data, "left", pinned=[pin], active=True).J_C
         np.testing.assert_array_equal(with_pin[-3:], by_body.J_T[3:6])
     both = arms(('<site name="left"', '<site name="fore2"'))
     there = mujoco.MjData(both)

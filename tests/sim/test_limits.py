@@ -6,7 +6,7 @@ import pytest
 import scipy.linalg
 
 from sim import Body, ModelError, Pin, assemble, jacobians, pose_of, ranges
-from tests.models import model
+from tests.models import model_of
 from tests.motions import change, kinematics, shifted
 from tests.sim.machines import limited
 
@@ -36,9 +36,9 @@ AT_A_LIMIT = [
 @pytest.mark.parametrize(("name", "pose"), AT_A_LIMIT)
 def test_an_element_on_its_limit_gives_a_warning_or_is_stuck(name, pose):
     data = limited(**pose)
-    of, joint = data.model, name.split('"')[1]
+    model, joint = data.model, name.split('"')[1]
     free, stuck, listed = (
-        jacobians(of, data, "tool", stuck_at_limits=choice) for choice in (False, True, [joint])
+        jacobians(model, data, "tool", stuck_at_limits=choice) for choice in (False, True, [joint])
     )
     warning = f'{name} rests on its limit and is treated as free: stuck_at_limits=["{joint}"]'
     assert len(free.warnings) == 1 and free.warnings[0].startswith(warning)
@@ -47,7 +47,7 @@ def test_an_element_on_its_limit_gives_a_warning_or_is_stuck(name, pose):
     assert len(stuck.J_C) == len(free.J_C) + 1
 
     def slope(velocity: np.ndarray) -> float:
-        there, back = (shifted(of, data, h * velocity[: of.nv]) for h in (1e-4, -1e-4))
+        there, back = (shifted(model, data, h * velocity[: model.nv]) for h in (1e-4, -1e-4))
         return abs(position(there, joint) - position(back, joint)) / 2e-4
 
     allowed, every = scipy.linalg.null_space(stuck.J_C), scipy.linalg.null_space(free.J_C)
@@ -111,7 +111,7 @@ SPRUNG = (
 @pytest.mark.parametrize("turn_rad", [1e-3, -1e-3])
 def test_a_simulated_finger_moves_as_predicted_with_its_coupler_stuck(turn_rad, margin):
     """The prediction without the limit is that of a free coupler."""
-    finger = model("five_bar", *SPRUNG)
+    finger = model_of("five_bar", *SPRUNG)
     finger.jnt_margin[finger.joint("left_elbow").id] = margin  # at which the limit starts to act
     data = assemble(finger)
     mujoco.mj_step(finger, data, 4000)  # onto the limit, which is soft
@@ -159,7 +159,7 @@ def test_a_tendon_rests_on_its_limit_with_bodies_moved_from_outside():
 
 def leg(height: float = 0.0) -> mujoco.MjData:
     """Create a leg with its foot on the floor, or at a height above it."""
-    data = mujoco.MjData(model("leg"))
+    data = mujoco.MjData(model_of("leg"))
     mujoco.mj_kinematics(data.model, data)
     data.qpos[2] += 0.02 * (1 - 1e-6) + height - data.geom_xpos[-1, 2]
     mujoco.mj_forward(data.model, data)

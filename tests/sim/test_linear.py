@@ -10,7 +10,7 @@ from sim.mjcf import joint_stiffness, located, mass_matrix
 from sim.mjcf.part import task_part
 from sim.plant import NonlinearityMonitor, beyond_linear, dry_friction
 from sim.plant.linear import LinearPlant
-from tests.models import model as model_of
+from tests.models import model_of
 from tests.motions import shifted
 from tests.sim.machines import WORLD, at, closed, linkage, pendulum
 
@@ -81,11 +81,11 @@ def without(linear: LinearPlant, k: int) -> tuple[np.ndarray, np.ndarray, np.nda
 @pytest.mark.parametrize("name", ["arm", "platform", "hand", "arms"])
 def test_a_released_servo_leaves_the_linear_model_without_its_feedback(name):
     """The prediction equals the linear model of the machine with this servo switched off."""
-    of = load_model(MODELS / f"{name}.xml")
-    linear = Plant(of).linear()
-    for k in range(of.nu) if name != "arms" else (0, 7):
+    model = load_model(MODELS / f"{name}.xml")
+    linear = Plant(model).linear()
+    for k in range(model.nu) if name != "arms" else (0, 7):
         A, B, push = without(linear, k)
-        broken = Plant(of)
+        broken = Plant(model)
         broken.release(k)
         real = broken.linear()
         np.testing.assert_allclose(A, real.A, atol=1e-6 * np.abs(linear.A).max())
@@ -96,8 +96,8 @@ def test_a_released_servo_leaves_the_linear_model_without_its_feedback(name):
 @pytest.mark.parametrize("k", [0, 1])
 def test_without_a_servo_a_machine_falls_as_in_its_linear_model(k):
     """The error is within 1 % of the motion for 30 ms, from rest under gravity."""
-    of = model_of("lifted")
-    plant = Plant(of, base=None, start=assemble(of))
+    model = model_of("lifted")
+    plant = Plant(model, base=None, start=assemble(model))
     linear = plant.linear()
     A, _, push = without(linear, k)
     plant.release(k)
@@ -112,8 +112,8 @@ def test_without_a_servo_a_machine_falls_as_in_its_linear_model(k):
 
 def test_dry_friction_is_that_of_the_file():
     """A force at a joint or tendon accelerates by M^-1 times its row."""
-    of = model_of("rubbing_arm", add_locks=True)
-    plant = Plant(of, start=mujoco.MjData(of))
+    model = model_of("rubbing_arm", add_locks=True)
+    plant = Plant(model, start=mujoco.MjData(model))
     friction = plant.linear().friction
     assert friction is not None
     assert dry_friction(plant.model) == ("shoulder", "elbow", "belt")
@@ -209,13 +209,13 @@ def test_contacts_outside_the_part_are_not_recorded():
 
 
 def test_the_mass_matrix_gives_the_kinetic_energy_of_any_velocity():
-    of = linkage()
-    data = closed(of)
-    mass = mass_matrix(of, data)
-    of.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-    for velocity in np.random.default_rng(0).normal(size=(3, of.nv)):
+    model = linkage()
+    data = closed(model)
+    mass = mass_matrix(model, data)
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    for velocity in np.random.default_rng(0).normal(size=(3, model.nv)):
         data.qvel[:] = velocity
-        mujoco.mj_forward(of, data)
+        mujoco.mj_forward(model, data)
         assert velocity @ mass @ velocity / 2 == pytest.approx(data.energy[1], rel=1e-12)
 
 
@@ -226,13 +226,13 @@ def test_springs_push_back_with_their_stiffness_against_each_velocity():
           <joint name="hinge" stiffness="5"/><geom size="0.1"/></body></body></body>
       <body pos="4 0 0"><joint type="free" stiffness="7"/><geom size="0.1"/></body>
     </worldbody></mujoco>"""
-    of, h = mujoco.MjModel.from_xml_string(xml), 1e-4
+    model, h = mujoco.MjModel.from_xml_string(xml), 1e-4
     pushed = []
-    for e in h * np.eye(of.nv):
-        data = shifted(of, mujoco.MjData(of), e)
-        mujoco.mj_forward(of, data)
+    for e in h * np.eye(model.nv):
+        data = shifted(model, mujoco.MjData(model), e)
+        mujoco.mj_forward(model, data)
         pushed.append(-data.qfrc_passive / h)
-    np.testing.assert_allclose(pushed, np.diag(joint_stiffness(of)), atol=1e-9)
+    np.testing.assert_allclose(pushed, np.diag(joint_stiffness(model)), atol=1e-9)
     plastic = xml.replace('stiffness="5"', 'stiffness="5" springyield="0.1"')
     with pytest.raises(ModelError, match='the spring of joint "hinge" is not linear'):
         joint_stiffness(mujoco.MjModel.from_xml_string(plastic))

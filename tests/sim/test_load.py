@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from sim import MODELS, Body, ModelError, assemble, jacobians, load_model
 from sim.mjcf import element_id, model_sha256
-from tests.models import FOLDER, saved
-from tests.models import model as model_of
+from tests.models import FOLDER, model_of, saved
 from tests.sim.machines import CASES, SHIPPED, linkage
 
 

@@ -34,7 +34,7 @@ from sim import (
 )
 from sim.plant import FailureKind
 from tests.closed_form import closed_form, modes_of
-from tests.models import model as model_of
+from tests.models import model_of
 from tests.sim.machines import SHIPPED, mode_shapes, pole_of, ring_down, settled
 
 PERIOD_S = 1e-3
@@ -271,12 +271,12 @@ def test_a_period_in_parts_is_the_same_to_the_last_bit(model):
 
 def with_turned_sites(name: str, seed: int) -> mujoco.MjModel:
     """Load a machine of this repository with base and payload in any orientation."""
-    of, rng = load_model(MODELS / f"{name}.xml"), np.random.default_rng(seed)
+    model, rng = load_model(MODELS / f"{name}.xml"), np.random.default_rng(seed)
     for site in ("base", "payload"):
         q = rng.normal(size=4)
-        of.site(site).quat = q / np.linalg.norm(q)
-        of.site(site).sameframe = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
-    return of
+        model.site(site).quat = q / np.linalg.norm(q)
+        model.site(site).sameframe = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+    return model
 
 
 def world_displacement(plant: Plant) -> np.ndarray:
@@ -322,19 +322,19 @@ def test_motion_of_the_payload_is_measured_from_its_nominal_pose(name, base):
 @pytest.mark.parametrize("base", ["base", None])
 def test_small_motion_and_pushes_are_those_of_the_jacobian(base):
     """Virtual work: at rest the joint torques are J^T times the wrench in base axes."""
-    of, wrench = with_turned_sites("arm", 3), np.random.default_rng(4).normal(size=6)
-    jac = jacobians(of, mujoco.MjData(of), "payload", axes=base)
-    plant = Plant(of, base=base)
+    model, wrench = with_turned_sites("arm", 3), np.random.default_rng(4).normal(size=6)
+    jac = jacobians(model, mujoco.MjData(model), "payload", axes=base)
+    plant = Plant(model, base=base)
     plant.step(1e-5 * np.array([0.3, -0.4, 0.5, 0.2, -0.3, 0.1, 0.4]), 0.2)
     expected = jac.J_T[:, jac.active] @ plant.displacements()
     np.testing.assert_allclose(plant.displacement(), expected, atol=1e-3 * np.abs(expected).max())
-    plant = Plant(of, base=base)
+    plant = Plant(model, base=base)
     plant.push(wrench)
     mujoco.mj_forward(plant.model, plant.data)
     np.testing.assert_allclose(plant.data.qfrc_smooth, jac.J_T.T @ wrench, atol=1e-12)
     plant.shake(np.array([1.0, 2.0, 3.0]))
     axes = plant.axes @ [1.0, 2.0, 3.0]
-    np.testing.assert_allclose(plant.model.opt.gravity, of.opt.gravity - axes, atol=1e-12)
+    np.testing.assert_allclose(plant.model.opt.gravity, model.opt.gravity - axes, atol=1e-12)
 
 
 @given(
