@@ -256,12 +256,7 @@ def _program(
 
 
 def _kkt(
-    A: np.ndarray,
-    b: np.ndarray,
-    former: _Former,
-    G: np.ndarray,
-    top: np.ndarray,
-    x: np.ndarray,
+    A: np.ndarray, b: np.ndarray, former: _Former, G: np.ndarray, top: np.ndarray, x: np.ndarray
 ) -> tuple[float, np.ndarray]:
     """Return the KKT residual of minimizing |A x - b| with E x = e and G x <= top, and multipliers.
 
@@ -283,11 +278,7 @@ def _kkt(
 
 
 def certificate(
-    levels: Levels,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    x: np.ndarray,
-    rows: Rows | None = None,
+    levels: Levels, lower: np.ndarray, upper: np.ndarray, x: np.ndarray, rows: Rows | None = None
 ) -> float:
     """Return the largest KKT residual of x (n,), level by level, then of |x|.
 

@@ -20,7 +20,7 @@ def _reset_signals() -> None:
         signal.signal(number, signal.SIG_DFL)
 
 
-def started(*command: str) -> subprocess.Popen[str]:
+def start_python(*command: str) -> subprocess.Popen[str]:
     """Start the Python interpreter with these arguments."""
     return subprocess.Popen(
         [sys.executable, *command],
@@ -33,7 +33,7 @@ def started(*command: str) -> subprocess.Popen[str]:
     )
 
 
-def ended(process: subprocess.Popen[str], number: signal.Signals | int) -> None:
+def assert_interrupted(process: subprocess.Popen[str], number: signal.Signals | int) -> None:
     """Check that a signal ends a process with one sentence, and that no process is left."""
     _, error = process.communicate(timeout=60)
     assert (process.returncode, error) == (CODES[signal.Signals(number)], INTERRUPTED)

@@ -10,7 +10,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tests.processes import CODES, ended, started
+from tests.processes import CODES, assert_interrupted, start_python
 
 EVERY_SIGNAL = pytest.mark.parametrize("number", CODES)
 SIGINT_IN_SHORT_TESTS = pytest.mark.parametrize(
@@ -20,7 +20,7 @@ SIGINT_IN_SHORT_TESTS = pytest.mark.parametrize(
 
 def at(moment: str) -> subprocess.Popen[str]:
     """Start a command and wait until it has reached a line."""
-    process = started("-c", moment)
+    process = start_python("-c", moment)
     assert process.stdout
     assert process.stdout.readline() == "here\n"
     return process
@@ -59,7 +59,7 @@ def running(out: Path, work: str) -> subprocess.Popen[str]:
 def test_a_signal_during_the_imports_ends_the_command(number):
     process = at(IMPORTING)
     process.send_signal(number)
-    ended(process, number)
+    assert_interrupted(process, number)
 
 
 def test_nohup_is_respected():
@@ -69,7 +69,7 @@ def test_nohup_is_respected():
     time.sleep(0.2)
     assert process.poll() is None
     process.send_signal(signal.SIGTERM)
-    ended(process, signal.SIGTERM)
+    assert_interrupted(process, signal.SIGTERM)
 
 
 CLEARING = """
@@ -92,7 +92,7 @@ def test_signals_during_a_study_and_its_cleanup_end_it(number, tmp_path):
     for signal_number in CODES:
         process.send_signal(signal_number)
     assert process.stdout.readline() == "cleared\n"
-    ended(process, number)
+    assert_interrupted(process, number)
     assert not (tmp_path / "out").exists()
 
 
@@ -111,7 +111,7 @@ def test_an_error_caused_by_a_signal_counts_as_the_signal(number, tmp_path):
     """An interrupted library may raise any error."""
     process = running(tmp_path / "out", FAILING)
     process.send_signal(number)
-    ended(process, number)
+    assert_interrupted(process, number)
 
 
 PARALLEL = """
@@ -141,7 +141,7 @@ def test_a_signal_while_workers_start_ends_the_study(number, later_s, whom, tmp_
         time.sleep(0.01)
     time.sleep(later_s)
     whom(process.pid, number)
-    ended(process, number)
+    assert_interrupted(process, number)
     assert not (tmp_path / "out").exists()
 
 
@@ -150,8 +150,8 @@ def test_a_signal_while_workers_start_ends_the_study(number, later_s, whom, tmp_
 @EVERY_SIGNAL
 @pytest.mark.parametrize("after_s", [1.0, 3.0])
 def test_a_signal_ends_a_real_study(number, after_s, tmp_path):
-    process = started("-m", "experiments", "table1", "--out", str(tmp_path / "out"))
+    process = start_python("-m", "experiments", "table1", "--out", str(tmp_path / "out"))
     time.sleep(after_s)
     os.killpg(process.pid, number)
-    ended(process, number)
+    assert_interrupted(process, number)
     assert not list((tmp_path / "out").glob("*"))

@@ -74,7 +74,7 @@ def pulled(controller, secondary_reference=None):
 
 
 @cache
-def out(form: DisplacementForm = "absolute"):
+def displaced_state(form: DisplacementForm = "absolute"):
     """Return the displaced state of the controller of the healthy machine."""
     return pulled(controller(EQUAL, form))
 

@@ -30,8 +30,8 @@ from tests.ftc.hexapod import (
     FADE,
     LSB_PERCENT,
     controller,
+    displaced_state,
     jacobian,
-    out,
     pointing_of,
     pulled,
     reading,
@@ -52,7 +52,7 @@ ALL = np.ones(6)
 @pytest.mark.parametrize("form", ["absolute", "gauss_newton"])
 @pytest.mark.parametrize("name", GOALS)
 def test_a_change_of_the_mapping_is_bumpless_and_keeps_the_task(name, form):
-    after, state = controller(GOALS[name], form), out(form)
+    after, state = controller(GOALS[name], form), displaced_state(form)
     survivors = [k for k in range(6) if k not in GOALS[name].locked_at]
     sent, bare = state.inputs[survivors], steady(after, state, 1).inputs[survivors]
     if form == "absolute" or "locked" not in name:
@@ -81,7 +81,7 @@ def test_a_change_of_the_mapping_is_bumpless_and_keeps_the_task(name, form):
 
 def test_a_transfer_during_a_transfer_and_with_a_dither_is_bumpless():
     first, second, third = map(controller, (EQUAL, GOALS["W_b"], GOALS["W_e, one locked"]))
-    state = steady(second, second.transfer(out()), 100)
+    state = steady(second, second.transfer(displaced_state()), 100)
     then = steady(third, third.transfer(state), 1)
     assert np.delete(np.abs(then.inputs - state.inputs), 2).max() <= 2 * LSB_PERCENT
     shaken = np.array([2e-6, -1e-6, 3e-6, 0.0, 1e-6, -2e-6])
@@ -93,7 +93,7 @@ def test_a_transfer_during_a_transfer_and_with_a_dither_is_bumpless():
 def test_the_command_of_a_known_weak_actuator_is_scaled():
     """A doubled command at half the force gives the same displacement, pose and transfer."""
     aware = controller(replace(EQUAL, effectiveness={4: 0.5}))
-    expected, state = out(), pulled(aware)
+    expected, state = displaced_state(), pulled(aware)
     twice = expected.inputs * [1, 1, 1, 1, 2, 1]
     np.testing.assert_allclose(state.inputs, twice, atol=2 * LSB_PERCENT)
     assert abs(state.inputs[4]) > 40 * LSB_PERCENT
@@ -130,7 +130,7 @@ def moving(controller, state: ControllerState, ticks: int) -> list[ControllerSta
 )
 def test_a_retained_command_stays_to_the_bit(name, form: DisplacementForm):
     """The command does not depend on the other commands, the time, or a second transfer."""
-    after, state = controller(LOST[name], form), out(form)
+    after, state = controller(LOST[name], form), displaced_state(form)
     later = moving(after, after.transfer(state, retained=ALL), FADE + 20)
     later += moving(after, after.transfer(later[-1], retained=ALL), 5)
     assert abs(state.inputs[2]) > 20 * LSB_PERCENT
@@ -141,7 +141,7 @@ def test_a_retained_command_stays_to_the_bit(name, form: DisplacementForm):
 @pytest.mark.parametrize("form", ["absolute", "gauss_newton", "incremental"])
 def test_another_command_fades_as_half_a_cosine(form: DisplacementForm):
     after = controller(WITHOUT_2, form)
-    retained_state = moving(after, after.transfer(out(form), retained=ALL), 50)[-1]
+    retained_state = moving(after, after.transfer(displaced_state(form), retained=ALL), 50)[-1]
     fading = moving(after, after.transfer(retained_state), FADE + 10)
     expected = 0.5 * (1 + np.cos(np.pi * np.minimum(np.arange(FADE + 10) / FADE, 1)))
     result = np.array([each.inputs[2] for each in fading]) / retained_state.inputs[2]
@@ -152,7 +152,7 @@ def test_another_command_fades_as_half_a_cosine(form: DisplacementForm):
 @pytest.mark.parametrize("remaining", [0.0, 0.3, 1.0])
 def test_the_others_take_over_the_remaining_effect_of_a_weak_actuator(remaining):
     """The weak one and the others produce the same static task at each tick of the transfer."""
-    after, start, second = controller(WITHOUT_2), out(), np.arange(6) == 2
+    after, start, second = controller(WITHOUT_2), displaced_state(), np.arange(6) == 2
     u = after.drives.displacements(start.inputs)
     lost = np.where(second, (1 - remaining) * u, 0.0)  # at the onset of the failure
     caused, state = [], after.transfer(start, lost, np.where(second, remaining, 0.0))
@@ -168,7 +168,7 @@ def test_a_second_failure_while_the_first_one_fades_moves_nothing():
     """The rest of the first command fades with the second, unless both are retained."""
     first, second = controller(WITHOUT_2), controller(replace(EQUAL, locked_at={2: 0.0, 5: 0.0}))
     acting = np.array([0, 0, 0.3, 0, 0, 0.4])
-    state = out()
+    state = displaced_state()
     half = steady(first, first.transfer(state, acting=acting), FADE // 2 + 1)
     retained_state = steady(second, second.transfer(half, retained=ALL), 2 * FADE)
     last = steady(second, second.transfer(retained_state, acting=acting), FADE + 2)

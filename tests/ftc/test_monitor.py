@@ -353,15 +353,15 @@ def direction(seed: int) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
-def since(tick: int) -> float:
+def time_since(tick: int) -> float:
     """Return the time since the onset [s]."""
     return max(tick - ONSET, 0) * TICK_S
 
 
 TIMES: dict[str, Callable[[int], float]] = {
     "constant": lambda tick: float(tick >= ONSET),
-    "growing": since,
-    "hums as the dither": lambda tick: float(np.sin(2 * np.pi * HZ * since(tick))),
+    "growing": time_since,
+    "hums as the dither": lambda tick: float(np.sin(2 * np.pi * HZ * time_since(tick))),
 }
 DISTURBANCES = {
     ("act", "constant"): (1e-3, 0.1, 2),
@@ -434,7 +434,7 @@ def test_a_cause_is_identified_and_no_actuator_is_isolated(name, seed):
     cause, where, event = EVENTS[name]
 
     def changed(tick: int, signal: np.ndarray) -> np.ndarray:
-        return signal if tick < ONSET else event(since(tick), signal)
+        return signal if tick < ONSET else event(time_since(tick), signal)
 
     how: Any = {where: changed}
     states = simulate(of_carts(1e3, 0.3, 0.3), seed, END, **how)

@@ -48,7 +48,7 @@ def observe(kalman: Observer, y: np.ndarray, u: np.ndarray) -> list[ObserverStat
 LARGEST, LEARNS_S, FORGETS_S = 9.0, 0.3, 0.5
 
 
-def by_hand(model, state: ObserverState, v, y: np.ndarray | None) -> dict[str, np.ndarray]:
+def kalman_reference(model, state: ObserverState, v, y: np.ndarray | None) -> dict[str, np.ndarray]:
     """Compute a sample by a Kalman filter in Joseph's form, and a mean of products."""
     p, J = len(model.C), len(model.M) - 1
     moving = np.concatenate([state.X[0], v])
@@ -93,7 +93,7 @@ def test_each_sample_is_that_of_a_kalman_filter_in_covariances(seed, monkeypatch
     for sample, (u, y) in enumerate(zip(record.u, record.y, strict=True)):
         v = np.concatenate([u, before, [1.0]])
         given = None if sample in (60, 61, 90) else y + 30.0 * (sample == 120)
-        expected = by_hand(kalman.model, state, v, given)
+        expected = kalman_reference(kalman.model, state, v, given)
         samples, before = state.spectrum.samples, u
         state, _ = kalman.step(state, v, given)
         gated += given is not None and state.spectrum.samples == samples

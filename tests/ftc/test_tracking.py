@@ -31,7 +31,7 @@ def mechanism(name: str) -> Mechanism:
     return Mechanism(robot(name))
 
 
-def closed(name: str, major: tuple[int, ...], **options: Any) -> Tracking:
+def tracking_of_loops(name: str, major: tuple[int, ...], **options: Any) -> Tracking:
     model = robot(name)
     plant = Plant(model, base=None)
     usual: dict[str, Any] = {
@@ -45,12 +45,12 @@ def closed(name: str, major: tuple[int, ...], **options: Any) -> Tracking:
 
 @cache
 def arm() -> Tracking:
-    return closed("arm", (0, 1))
+    return tracking_of_loops("arm", (0, 1))
 
 
 @cache
 def hand(sense: str) -> Tracking:
-    return closed("hand", (3, 4), crossover_hz=0.7, sense=sense)
+    return tracking_of_loops("hand", (3, 4), crossover_hz=0.7, sense=sense)
 
 
 def open_loop(track: Tracking, mapping=None, faults=()) -> control.StateSpace:
@@ -73,8 +73,8 @@ def test_the_crossover_is_the_highest_with_a_sensitivity_peak_of_1_7():
     """The peak is smaller below this crossover and too large above it."""
     result = arm().margins[0].crossover_hz
     assert peak(arm()) <= LARGEST_PEAK
-    assert peak(closed("arm", (0, 1), crossover_hz=1.05 * result)) > LARGEST_PEAK
-    assert peak(closed("arm", (0, 1), crossover_hz=0.95 * result)) < LARGEST_PEAK
+    assert peak(tracking_of_loops("arm", (0, 1), crossover_hz=1.05 * result)) > LARGEST_PEAK
+    assert peak(tracking_of_loops("arm", (0, 1), crossover_hz=0.95 * result)) < LARGEST_PEAK
 
 
 def test_the_loops_stay_stable_after_each_possible_lock():
@@ -101,7 +101,7 @@ def test_the_loops_stay_stable_after_each_possible_lock():
 )
 def test_a_task_that_cannot_be_tracked_is_rejected_with_the_reason(name, major, options, message):
     with pytest.raises((TaskLost, ValueError), match=message):
-        closed(name, major, **options)
+        tracking_of_loops(name, major, **options)
 
 
 def settled(mapping, demand: np.ndarray):
@@ -188,7 +188,7 @@ def test_two_sensors_have_the_outputs_of_each_alone():
     """The task is measured, not computed from the encoders, and each sensor has its own noise."""
     noise = np.arange(1.0, 7.0) * 1e-6
     task, joints, both = (
-        closed("hand", (3, 4), crossover_hz=0.7, sense=sense, noise=part)
+        tracking_of_loops("hand", (3, 4), crossover_hz=0.7, sense=sense, noise=part)
         for sense, part in (("task", noise[:2]), ("joints", noise[2:]), ("both", noise))
     )
     np.testing.assert_array_equal(both.diagnosis_model.noise, noise)

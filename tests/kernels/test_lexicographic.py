@@ -160,7 +160,7 @@ def random_batch(
     return Batch(levels, lower, upper)
 
 
-def known(batch: Batch) -> Known:
+def enumerate_batch(batch: Batch) -> Known:
     """Return the solutions by enumeration."""
     return enumerated(batch.levels, batch.lower, batch.upper)
 
@@ -206,12 +206,12 @@ def test_enumeration_of_active_sets_finds_no_better_solution(seed, count, heavy)
     rng = np.random.default_rng(seed)
     for n, rows in SHAPES:
         batch = random_batch(rng, count, n, rows)
-        best = known(batch)
+        best = enumerate_batch(batch)
         for result in starts(rng, batch):
             assert result.ended.all()
             assert_equal_solutions(batch, result.x, best)
         batch = random_batch(rng, heavy, n, rows, heavy=True)
-        clear = np.flatnonzero(known(batch).gap > 100).tolist()
+        clear = np.flatnonzero(enumerate_batch(batch).gap > 100).tolist()
         for result in starts(rng, batch):
             assert result.ended.all()
             assert max((worst(batch, k, result.x) for k in clear), default=0.0) < 1e-6
@@ -322,7 +322,7 @@ COUNT = 150
 @pytest.fixture(scope="module")
 def sample() -> tuple[Batch, Known]:
     batch = random_batch(np.random.default_rng(0), COUNT, 4, (2, 3))
-    return batch, known(batch)
+    return batch, enumerate_batch(batch)
 
 
 def assert_same(result: KernelOutput, other: KernelOutput) -> None:
@@ -412,7 +412,7 @@ def test_a_weighted_norm_is_its_rows_after_the_last_level_or_in_it(sample, weigh
     more = replace(batch, levels=[first, *(last if combined else [(A, b), (rows, goal)])])
     result, best = (
         kernel(batch, weight=weight and w, wanted=wanted, combined=combined).x,
-        known(more),
+        enumerate_batch(more),
     )
     clear = best.gap > 100
     weighed = np.linalg.norm(w * (result - best.x), axis=1) / (1 + np.linalg.norm(goal, axis=1))

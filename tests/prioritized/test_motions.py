@@ -8,14 +8,7 @@ from hypothesis import strategies as st
 from prioritized import ConstrainedSystem, failure_atlas
 from prioritized._solver.rank import RANK_TOLERANCE
 from tests import spaces
-from tests.random_systems import (
-    SEEDS,
-    failures,
-    orthogonal,
-    springs,
-    systems,
-    with_stiffness,
-)
+from tests.random_systems import SEEDS, failures, orthogonal, springs, systems, with_stiffness
 
 
 @given(st.data(), systems())

@@ -26,7 +26,7 @@ from tests.profiles import scaled
 from tests.random_systems import SEEDS, major_and_secondary, of_rank, orthogonal
 
 
-def expect(decision: tuple[bool, float], sigma: float, scale: float) -> None:
+def check(decision: tuple[bool, float], sigma: float, scale: float) -> None:
     """Return the rank decision (counts, gap) on a singular value of a matrix of this scale."""
     distance = sigma / (scale * RANK_TOLERANCE)
     assume(abs(np.log10(distance)) > 0.05)  # round-off moves sigma by 1e-16: 1e-6 of the threshold
@@ -47,32 +47,32 @@ def test_ranks_change_where_singular_values_cross_the_tolerance(seed, nearness, 
     report = ConstrainedSystem(weak, None, [0, 1]).kinematics().manipulability([0, 1])
     # Both rows are major: a selection of norm sqrt(2) takes part in the product.
     reached = not report.unmanipulable, report.gaps["unmanipulable"]
-    expect(reached, size * small, norm * np.sqrt(2.0))
+    check(reached, size * small, norm * np.sqrt(2.0))
     reached = not report.unmanipulable_task, report.gaps["unmanipulable_task"]
-    expect(reached, size * small, norm)
+    check(reached, size * small, norm)
 
     # As passive columns of the task, the matrix gives a second direction of self-motion.
     task = np.hstack([np.zeros((2, 1)), weak])
     report = ConstrainedSystem(task, None, [0]).kinematics().manipulability([0, 1])
-    expect((len(report.bases["unstable"].T) == 2, report.gaps["unstable"]), size * small, norm)
+    check((len(report.bases["unstable"].T) == 2, report.gaps["unstable"]), size * small, norm)
     major = len(report.bases["unstable_major"].T) == 2, report.gaps["unstable_major"]
-    expect(major, size * small, norm)  # with every row major, the same decision
+    check(major, size * small, norm)  # with every row major, the same decision
 
     # As passive columns of the loops, it closes a loop, or gives an internal force and idle joint.
     loops = np.hstack([np.zeros((2, 1)), weak])
     report = ConstrainedSystem(np.zeros((1, 3)), loops, [0]).kinematics().manipulability([0])
-    expect((not report.irresolvable, report.gaps["irresolvable"]), size * small, norm)
+    check((not report.irresolvable, report.gaps["irresolvable"]), size * small, norm)
     assert report.unobservable == report.irresolvable
 
     # As active columns, it gives a second constrained rate.
     report = ConstrainedSystem(np.eye(2), weak, [0, 1]).kinematics().manipulability([0])
     bound = len(report.bases["constrained_active"]) == 2, report.gaps["constrained_active"]
-    expect(bound, size * small, norm)
+    check(bound, size * small, norm)
 
     # Mappings are exact or nearest; forces are commanded, or borne by the structure.
     velocity, force = velocity_mapping(weak, [0, 1]), force_mapping(weak, [0, 1])
     is_exact = velocity.status is Status.EXACT
-    expect((is_exact, float(velocity.gap)), size * small, norm * np.sqrt(2.0))
+    check((is_exact, float(velocity.gap)), size * small, norm * np.sqrt(2.0))
     assert velocity.rank == 1 + is_exact
     # Rates are finite, as the singular value is inverted or dropped.
     assert np.abs(velocity.major).max() <= 1.01 / (norm * RANK_TOLERANCE)

@@ -15,10 +15,10 @@ from tests.motions import shifted
 SHIPPED = "fjh", "arm", "arms", "hand", "platform"
 """Models of this repository that a plant can simulate."""
 SPARSE = 'jacobian="dense"', 'jacobian="sparse"'
-stored = pytest.mark.parametrize("storage", [(), (SPARSE,)], ids=["dense", "sparse"])
+stored_options = pytest.mark.parametrize("storage", [(), (SPARSE,)], ids=["dense", "sparse"])
 
 
-def at(model: mujoco.MjModel, **joints: object) -> mujoco.MjData:
+def state_at(model: mujoco.MjModel, **joints: object) -> mujoco.MjData:
     """Create a state with given positions of some joints."""
     data = mujoco.MjData(model)
     for name, value in joints.items():
@@ -27,15 +27,15 @@ def at(model: mujoco.MjModel, **joints: object) -> mujoco.MjData:
     return data
 
 
-def opened(model: mujoco.MjModel, size: float, seed: int = 0) -> mujoco.MjData:
+def open_state(model: mujoco.MjModel, size: float, seed: int = 0) -> mujoco.MjData:
     """Create a state a random step away from the default."""
     step = size * np.random.default_rng(seed).normal(size=model.nv)
     return shifted(model, mujoco.MjData(model), step)
 
 
-def closed(model: mujoco.MjModel, seed: int = 0) -> mujoco.MjData:
+def closed_state(model: mujoco.MjModel, seed: int = 0) -> mujoco.MjData:
     """Create a random state with closed loops."""
-    return assemble(model, opened(model, 0.1, seed))
+    return assemble(model, open_state(model, 0.1, seed))
 
 
 def stretched(unit: float, bend: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -45,7 +45,7 @@ def stretched(unit: float, bend: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
       <body pos="{0.3 * unit} 0 0"><joint name="b" axis="0 0 1"/><geom size="0.03" mass="1"/>
         <site name="tip" pos="{0.25 * unit} 0 0"/></body></body></worldbody>
       <actuator><motor joint="a"/><motor joint="b"/></actuator></mujoco>""")
-    return arm, at(arm, b=bend)
+    return arm, state_at(arm, b=bend)
 
 
 TURN = np.array([2.0, -1.0, 2.0]) / 3.0
@@ -73,15 +73,15 @@ POSES = {
 WORLD: dict[str, Any] = {"base": None, "payload": "tool"}
 
 
-def posed(name: str, *changes: tuple[str, str]) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def started_model(name: str, *changes: tuple[str, str]) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Load a model with locks, and a closed start."""
     model = model_of(name, *changes, add_locks=True)
-    return model, assemble(model, at(model, **POSES[name]))
+    return model, assemble(model, state_at(model, **POSES[name]))
 
 
-def started(name: str, *changes: tuple[str, str]) -> Plant:
+def plant_of(name: str, *changes: tuple[str, str]) -> Plant:
     """Create the plant of a model at its closed start."""
-    model, start = posed(name, *changes)
+    model, start = started_model(name, *changes)
     return Plant(model, **WORLD, start=start)
 
 
@@ -173,7 +173,7 @@ def linkage(*changes: tuple[str, str], actuators: str = TWO) -> mujoco.MjModel:
 def mechanism(actuators: str, seed: int = 0) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Load the linkage with some actuators, and a random closed state."""
     model = linkage(actuators=actuators)
-    return model, closed(model, seed)
+    return model, closed_state(model, seed)
 
 
 @cache

@@ -13,7 +13,7 @@ from sim import MODELS, CenterOfMass, FrameTask, JacobianReader, Jacobians, jaco
 from sim.mjcf.accuracy import roundings
 from tests.models import model_of
 from tests.motions import kinematics
-from tests.sim.machines import at, stretched
+from tests.sim.machines import state_at, stretched
 
 
 def three_rrr(
@@ -48,7 +48,7 @@ def three_rrr(
     </mujoco>""")
 
 
-def taken(model: mujoco.MjModel) -> Jacobians:
+def jacobians_of(model: mujoco.MjModel) -> Jacobians:
     return jacobians(model, mujoco.MjData(model), "tool")
 
 
@@ -63,7 +63,7 @@ def test_exact_numbers_show_no_rounding():
     """Check zeros, ones, numbers of few digits and numbers in full."""
     for name in ("arm", "hand", "platform", "arms", "fjh"):
         assert not roundings(load_model(MODELS / f"{name}.xml"))
-    jac = taken(three_rrr())
+    jac = jacobians_of(three_rrr())
     assert jac.geometry_accuracy < 1e-15
     assert not jac.accuracy.J_T_error.any()
     assert classification(jac) == (0, 0, 3)
@@ -71,11 +71,11 @@ def test_exact_numbers_show_no_rounding():
 
 def test_rounded_numbers_show_their_rounding():
     """Check half a unit of the last of six digits, and a rounded zero of a direction."""
-    assert 4e-7 < taken(three_rrr(digits=6)).geometry_accuracy < 5.1e-6
+    assert 4e-7 < jacobians_of(three_rrr(digits=6)).geometry_accuracy < 5.1e-6
     for component in range(7):
         axes = np.tile([0.0, 0.0, 1.0], (7, 1))
         axes[component, 0] = 1e-8
-        assert 1e-8 <= taken(three_rrr(axes=axes)).geometry_accuracy < 1.001e-8
+        assert 1e-8 <= jacobians_of(three_rrr(axes=axes)).geometry_accuracy < 1.001e-8
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -84,7 +84,7 @@ def test_skew_axes_do_not_change_the_classification_at_the_models_accuracy(seed)
     skewed = np.tile([0.0, 0.0, 1.0], (7, 1))
     skewed[:, :2] = 1e-8 * np.random.default_rng(seed).uniform(-1.0, 1.0, size=(7, 2))
     for rounded in (three_rrr(digits=6), three_rrr(axes=skewed)):
-        jac = taken(rounded)
+        jac = jacobians_of(rounded)
         assert jac.geometry_accuracy > 1e-9
         assert classification(jac, jac.geometry_accuracy) == (0, 0, 3)
         kin = ConstrainedSystem.of(jac).kinematics()
@@ -111,7 +111,7 @@ def test_loop_gaps_do_not_change_the_classification(make, freedoms, rate, driven
     """Rates depend on a gap by no more than its size, as rows are taken at one point."""
     mechanism = make(base=BASE, driven=driven)
     expected = (0, 0, freedoms + 1) if driven else (1, 0, freedoms)
-    exact = kinematics(taken(mechanism)).J
+    exact = kinematics(jacobians_of(mechanism)).J
     for axis in range(3):
         model = copy.copy(mechanism)
         model.eq_data[-1, axis] += gap
@@ -147,7 +147,7 @@ def chain(rng: np.random.Generator, unit: int = 0, loops: str = "") -> mujoco.Mj
     )
 
 
-def shaken(model: mujoco.MjModel, rng: np.random.Generator) -> mujoco.MjModel:
+def perturbed(model: mujoco.MjModel, rng: np.random.Generator) -> mujoco.MjModel:
     """Change each rounded number at random within half a unit of its last digit."""
     other = copy.copy(model)
     for field, row, column, half, _ in roundings(model):
@@ -175,7 +175,7 @@ def test_error_bounds_hold_for_all_numbers_within_their_rounding(seed, loops, dr
     rng = np.random.default_rng(seed)
     model = chain(rng, loops=loops)
     qpos = rng.uniform(-1.0, 1.0, size=model.nq)
-    jac, others = read(model, qpos), [read(shaken(model, rng), qpos) for _ in range(draws)]
+    jac, others = read(model, qpos), [read(perturbed(model, rng), qpos) for _ in range(draws)]
     accuracy = dataclasses.replace(jac, closure_residual=0.0)
     errors = accuracy.J_T_error, accuracy.J_C_error
     natural = accuracy.task_units, accuracy.constraint_units
@@ -262,7 +262,7 @@ def test_short_numbers_are_exact_unless_most_of_a_file_was_rounded(written, roun
 def test_no_tick_copies_the_model(monkeypatch):
     """Copying the model of a robot with meshes takes longer than a tick."""
     model, copies = three_rrr(digits=6), []
-    data, task = at(model), FrameTask("tool", rows=[3, 4], gain=0.1)
+    data, task = state_at(model), FrameTask("tool", rows=[3, 4], gain=0.1)
     task.target = data.site("tool").xpos + 0.02
     ik = Ik(model, [task])
     copied = mujoco.MjModel.__copy__
@@ -279,7 +279,7 @@ def test_a_weak_direction_reports_the_uncertainty_of_its_gain():
     arm.site_sameframe[0] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
     results = []
     for bend in (1e-2, 2e-5, 1e-6):
-        data = at(arm, b=bend - 0.000013 / 0.254321)
+        data = state_at(arm, b=bend - 0.000013 / 0.254321)
         kin = ConstrainedSystem.of(jacobians(arm, data, "tip")).kinematics()
         report = kin.manipulability([3, 4])
         results.append((report.unmanipulable, "+-" in str(report)))
@@ -293,7 +293,7 @@ def test_an_offset_that_mujoco_drops_gives_a_warning(offset, is_dropped):
       <joint axis="0 0 1"/><geom size="0.03" mass="1"/><site name="tip" pos="0 0 0.1"/>
       <site name="near" pos="{offset} 0 0"/></body></worldbody>
       <actuator><motor site="tip" gear="0 0 0 0 0 1"/></actuator></mujoco>""")
-    data = at(model)
+    data = state_at(model)
     assert (data.site("near").xpos[0] != offset) == is_dropped
     sentences = jacobians(model, data, "tip").warnings
     assert ["near" in sentence for sentence in sentences] == [True] * is_dropped

@@ -29,15 +29,15 @@ from sim import (
 from sim.mjcf import mass_matrix
 from tests.models import model_of
 from tests.motions import change
-from tests.sim.machines import at, humanoid, linkage, opened, stored, stretched
+from tests.sim.machines import humanoid, linkage, open_state, state_at, stored_options, stretched
 
 
-@stored
+@stored_options
 @pytest.mark.parametrize("seed", range(6))
 def test_every_kind_of_closure_closes_from_a_distance(storage, seed):
     """Connects, a weld, a polynomial gear and a cable close from 0.1 m and rad in every joint."""
     model = linkage(*storage)
-    data = opened(model, 0.1, seed)
+    data = open_state(model, 0.1, seed)
     before = data.qpos.copy()
     closed = assemble(model, data)
     assert np.abs(closed.efc_pos[: closed.ne]).max() < 1e-10
@@ -48,7 +48,7 @@ def test_every_kind_of_closure_closes_from_a_distance(storage, seed):
 def test_small_gaps_close_with_the_least_change_in_the_mass_metric():
     """The change is M-orthogonal to every motion that keeps the loops closed."""
     model = model_of("five_bar")
-    data = opened(model, 1e-5)
+    data = open_state(model, 1e-5)
     closed = assemble(model, data)
     step = change(model, data.qpos, closed.qpos)
     Z = scipy.linalg.null_space(jacobians(model, closed, "tool").J_C, rcond=1e-9)
@@ -59,7 +59,7 @@ def test_small_gaps_close_with_the_least_change_in_the_mass_metric():
 
 def test_fixed_joints_do_not_move():
     model = model_of("five_bar")
-    data = opened(model, 0.02)
+    data = open_state(model, 0.02)
     for fixed in (["left"], [0], ["left", "right"]):
         closed = assemble(model, data, held=fixed)
         for label in fixed:
@@ -71,7 +71,7 @@ def test_fixed_joints_do_not_move():
 def test_an_open_closure_is_reported_with_its_gap():
     """The pin stays open if every joint is fixed; a loop of rods too short never closes."""
     model = model_of("five_bar")
-    data = opened(model, 1e-3)
+    data = open_state(model, 1e-3)
     with pytest.raises(ClosureError, match='equality "pin" is open by') as raised:
         assemble(model, data, held=range(model.nv))
     assert raised.value.gap == pytest.approx(np.abs(data.efc_pos[:3]).max())
@@ -87,7 +87,7 @@ def test_gaps_about_as_large_as_the_tolerance_close(size, seeds):
     """An earlier version reported 7 of these 300 openings as impossible to close."""
     model = model_of("parallelogram")
     for seed in range(seeds):
-        closed = assemble(model, opened(model, size, seed))
+        closed = assemble(model, open_state(model, size, seed))
         assert np.abs(closed.efc_pos[: closed.ne]).max() < 1e-10
 
 
@@ -183,7 +183,7 @@ def test_a_planar_mechanism_moves_although_its_axes_are_not_quite_parallel(accur
 def test_the_estimated_accuracy_of_a_model_is_used_by_default():
     model = model_of("five_bar")
     model.joint("left").axis, model.joint("right_elbow").axis = [1e-7, 0, 1], [0, 2e-7, 1]
-    data = assemble(model, opened(model, 0.02))
+    data = assemble(model, open_state(model, 0.02))
     kin = ConstrainedSystem.of(jacobians(model, data, "tool")).kinematics()
     assert kin.active_constraint.shape == (0, 3)
     there = advance(model, data, kin.velocities([0.01, 0.0, 0.0]), held=["left"])
@@ -232,7 +232,7 @@ def test_a_ball_joint_stuck_about_one_axis_keeps_its_rate_there():
         ),
     )
     turned = Rotation.from_rotvec([1.0, -0.8, 1.2]).as_quat(scalar_first=True)
-    data = assemble(model, at(model, wrist=turned))
+    data = assemble(model, state_at(model, wrist=turned))
     system = ConstrainedSystem.of(jacobians(model, data, "tool")).with_failures(locked=["mz"])
     kin = system.kinematics()
     rates = kin.velocity_mapping(major=[3, 4, 5], joint_weight=np.ones(4))([1e-3, 5e-4, -5e-4])
@@ -276,7 +276,7 @@ def walker() -> tuple[mujoco.MjModel, mujoco.MjData]:
     return model, data
 
 
-def led(hand: Callable[[int], np.ndarray], ticks: int) -> tuple[mujoco.MjData, float, np.ndarray]:
+def follow(hand: Callable[[int], np.ndarray], ticks: int):
     """Control the walker at gain 1; return last state, largest foot motion, and ticks [s]."""
     model, start = walker()
     data, strayed, times = start, 0.0, [0.0]
@@ -305,7 +305,7 @@ def test_a_walker_reaches_from_far_away_at_gain_one_and_its_feet_stay(offset):
     """First steps of Newton's method on hand, centre of mass and posture are too long."""
     _, start = walker()
     target = start.site("hand").xpos + np.array([offset[0], 0.0, offset[1]])
-    end, strayed, taken = led(lambda tick: target, 30)
+    end, strayed, taken = follow(lambda tick: target, 30)
     assert np.linalg.norm(end.site("hand").xpos - target) < 1e-9
     assert abs(end.subtree_com[0][0] - start.subtree_com[0][0]) < 1e-9
     assert strayed < 1e-9
@@ -316,7 +316,7 @@ def test_an_unreachable_path_is_followed_to_its_end():
     """The hand is to rise by more than straight knees permit, and returns."""
     _, start = walker()
     place = start.site("hand").xpos.copy()
-    end, strayed, taken = led(
+    end, strayed, taken = follow(
         lambda tick: place + np.array([0.1, 0.0, 0.15]) * (1 - abs((tick + 1) / 30 - 1)), 60
     )
     assert np.linalg.norm(end.site("hand").xpos - place) < 1e-3
@@ -369,7 +369,8 @@ def test_a_velocity_that_opens_the_loops_is_rejected_for_any_step(length):
     model, data, v = five_bar(1.0, -1.0, 0.0)
     v[model.joint("left_elbow").dofadr[0]] *= -1.0
     for fixed, gap in (((), 1e-7), (range(model.nv), 0.0)):
-        there = at(model, **{model.joint(k).name: data.qpos[k] + gap * k for k in range(model.nv)})
+        shifted_joints = {model.joint(k).name: data.qpos[k] + gap * k for k in range(model.nv)}
+        there = state_at(model, **shifted_joints)
         before = there.qpos.copy()
         with pytest.raises(ValueError, match=r'velocity must keep the loops closed: .* "pin"'):
             advance(model, there, v, length, fixed, into=there)

@@ -7,19 +7,19 @@ import pytest
 from sim import CenterOfMass, ClosureError, ModelError, assemble, jacobians, linearize
 from tests.models import model_of
 from tests.motions import check_slope, shifted
-from tests.sim.machines import at, closed, linkage, opened, stored
+from tests.sim.machines import closed_state, linkage, open_state, state_at, stored_options
 
 ROWS = 2 * 3 + 1 + 6 + 1
 """Number of rows of the equalities of the linkage."""
 
 
-@stored
+@stored_options
 def test_rows_are_slopes_of_gaps(storage):
     """Check a closed pose along every velocity, admissible or not."""
     model = linkage(*storage)
     units = np.eye(model.nv)
     for seed in range(4):
-        data = closed(model, seed)
+        data = closed_state(model, seed)
 
         def opening(h: float, data: mujoco.MjData = data) -> np.ndarray:
             ends = [shifted(model, data, h * e) for e in units]
@@ -30,7 +30,7 @@ def test_rows_are_slopes_of_gaps(storage):
         check_slope(J_C, opening, h=4e-3, most=1e-4)
 
 
-@stored
+@stored_options
 def test_contacts_limits_and_dry_friction_have_no_rows(storage):
     model = linkage(*storage)
     model.opt.disableflags = 0
@@ -76,14 +76,14 @@ def test_active_equalities_that_flags_disable_are_rejected(flag):
 
 def test_open_loops_are_rejected_beyond_the_tolerance():
     model = model_of("five_bar")
-    data = opened(model, 0.01)
+    data = open_state(model, 0.01)
     with pytest.raises(ClosureError, match=r"call sim\.assemble\(model, data\)"):
         jacobians(model, data, "tool")
     residual = jacobians(model, data, "tool", closure_tolerance=np.inf).closure_residual
     assert residual == pytest.approx(np.abs(data.efc_pos).max())
     unnamed = model_of("five_bar", ('connect name="pin"', "connect"))
     with pytest.raises(ClosureError, match=r'equality 0 \(connect of "a2" and "b2"\) is open'):
-        jacobians(unnamed, opened(unnamed, 0.01), "tool")
+        jacobians(unnamed, open_state(unnamed, 0.01), "tool")
     model.eq_data[0, :3] = np.nan
     with pytest.raises(ModelError, match="an equality of the model is not finite"):
         jacobians(model, data, "tool")
@@ -96,7 +96,7 @@ def test_a_weld_of_any_torquescale_is_closed_in_radians():
         <body name="b" pos="0 0 1"><joint name="b" axis="0 0 1"/><geom size="0.1"/></body></body>
       </worldbody><equality><weld name="grip" body1="b" torquescale="1e-3"/></equality>
       <actuator><motor joint="a"/></actuator></mujoco>""")
-    data = at(model, b=1e-4)
+    data = state_at(model, b=1e-4)
     assert jacobians(model, data, "tool").closure_residual == pytest.approx(1e-4, rel=1e-6)
     assert np.abs(assemble(model, data).qpos).max() < 1e-10
 
@@ -108,7 +108,7 @@ def test_welds_and_connects_between_sites_have_one_common_point_too():
         ('<site name="tool"', '<site name="end" pos="0.4 0 0"/><site name="tool"'),
         ('<body name="right" pos="0.4 0 0">', FAR),
     )
-    J_C = jacobians(model, opened(model, 2e-4), "tool").J_C
+    J_C = jacobians(model, open_state(model, 2e-4), "tool").J_C
     assert J_C.shape == (9, model.nv)
     assert np.abs(J_C[:, model.joint("base").dofadr[0]]).max() < 1e-15
 
@@ -131,7 +131,7 @@ def test_a_redundant_crank_removes_no_freedom_from_a_linear_model(turn):
         ('<body name="right" pos="0.4 0 0">', third),
         ("</equality>", '<connect body1="bar" body2="third" anchor="0.2 0 0"/></equality>'),
     )
-    closed = assemble(model, at(model, left=turn + 1e-3, bar=-turn, third=turn, right=turn))
+    closed = assemble(model, state_at(model, left=turn + 1e-3, bar=-turn, third=turn, right=turn))
     closed.joint("right").qpos += 2e-11
     assert len(linearize(model, closed, site="tool", axes=None).A) == 2
 
@@ -186,7 +186,7 @@ def test_a_cloth_tied_to_the_robot_is_rejected_with_advice_that_helps():
     jacobians(model, data, "tool", closure_tolerance=np.inf)
 
 
-def asleep(drive: str, open_by: float = 0.0) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def sleeping_state(drive: str, open_by: float = 0.0) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Create two bodies with a gear between them, possibly inactive, and a third body."""
     model = mujoco.MjModel.from_xml_string(f"""<mujoco>
       <option gravity="0 0 0"><flag sleep="enable"/></option><worldbody>
@@ -208,7 +208,7 @@ def asleep(drive: str, open_by: float = 0.0) -> tuple[mujoco.MjModel, mujoco.MjD
 @pytest.mark.parametrize("drive", ['joint="a"', 'tendon="cable"', 'site="tool" gear="0 0 1 0 0 0"'])
 def test_sleeping_trees_have_the_same_jacobians_as_awake_ones(drive):
     """MuJoCo skips equality and transmission rows of sleeping trees; frames are up to date."""
-    model, data = asleep(drive)
+    model, data = sleeping_state(drive)
     sleeping = jacobians(model, data, ["tool", CenterOfMass()])
     closed = assemble(model, data)
     assert data.ntree_awake == 0  # unchanged
@@ -222,7 +222,7 @@ def test_sleeping_trees_have_the_same_jacobians_as_awake_ones(drive):
 
 
 def test_an_equality_activated_in_a_sleeping_tree_is_closed():
-    model, data = asleep('joint="a"', open_by=0.2)
+    model, data = sleeping_state('joint="a"', open_by=0.2)
     data.eq_active[0] = 1
     with pytest.raises(ClosureError, match=r"open by 0\.2"):
         jacobians(model, data, "tool")

@@ -31,7 +31,7 @@ from sim.mjcf import one_half_turn
 from sim.mjcf.frame import rotation_vector
 from tests.models import model_of
 from tests.motions import change, check_slope, shifted
-from tests.sim.machines import closed, humanoid, opened
+from tests.sim.machines import closed_state, humanoid, open_state
 
 H = 1e-6
 arms = partial(model_of, "two_arms")
@@ -55,7 +55,7 @@ def check_slopes(model, data, located, atol=1e-8):
     np.testing.assert_allclose(located.jacobian(model, data), falling, atol=atol)
 
 
-def here(model, data, frame, root=None):
+def pose_target(model, data, frame, root=None):
     """Return the present pose of a frame as a target."""
     at = data.body(frame.name) if isinstance(frame, Body) else data.site(frame)
     R, p = at.xmat.reshape(3, 3).copy(), at.xpos.copy()
@@ -77,8 +77,8 @@ every_frame = pytest.mark.parametrize("make, frame, root", FRAMES.values(), ids=
 @every_frame
 def test_the_error_of_a_frame_at_its_target_changes_by_its_twist(make, frame, root):
     model = make()
-    data = opened(model, 0.4)
-    at, seen = here(model, data, frame), here(model, data, frame, root)
+    data = open_state(model, 0.4)
+    at, seen = pose_target(model, data, frame), pose_target(model, data, frame, root)
     for task in (
         FrameTask(frame, target=at),
         FrameTask(frame, target=at, axes=frame, rows=[1, 3, 5]),
@@ -95,20 +95,20 @@ def test_the_error_of_a_frame_at_its_target_changes_by_its_twist(make, frame, ro
 def test_linear_rows_are_slopes_of_the_displacement_at_any_distance(make, frame, root):
     """Relative to a rotating root the displacement rotates as well, so positions are checked."""
     model = make()
-    data = opened(model, 0.4)
+    data = open_state(model, 0.4)
     for target in (TURNED, POINT):
         located = FrameTask(frame, target=target, rows=[3, 4, 5]).on(model)
         assert np.linalg.norm(located.error(model, data)) > 0.1
         check_slopes(model, data, located)
     located = RelativeFrameTask(frame, root, target=POINT, rows=[3, 4, 5]).on(model)
-    rate = slopes(model, data, lambda there: here(model, there, frame, root).translation_m)
+    rate = slopes(model, data, lambda there: pose_target(model, there, frame, root).translation_m)
     np.testing.assert_allclose(located.jacobian(model, data), rate, atol=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_frame_turns_to_its_target_about_one_axis(seed):
     """The error is that of `pose_error`, also relative to a root in the axes of the root."""
-    model, data = humanoid(), opened(humanoid(), 0.4, seed)
+    model, data = humanoid(), open_state(humanoid(), 0.4, seed)
     hand = data.site("right_hand")
     error = FrameTask("right_hand", target=TURNED).on(model).error(model, data)
     np.testing.assert_allclose(error, pose_error(model, data, "right_hand", TURNED), atol=1e-12)
@@ -146,7 +146,7 @@ def test_a_pose_difference_rotates_as_in_mujoco(angle):
 @pytest.mark.parametrize("rows", [[5], [1, 2], [2, 0, 4], [3, 4, 5, 0, 1, 2]])
 @pytest.mark.parametrize("kind, more", [(FrameTask, ()), (RelativeFrameTask, ("left_foot",))])
 def test_rows_are_in_the_requested_order(rows, kind, more):
-    model, data = humanoid(), opened(humanoid(), 0.4)
+    model, data = humanoid(), open_state(humanoid(), 0.4)
     every, some = (
         kind("right_hand", *more, target=TURNED, rows=chosen).on(model)
         for chosen in (range(6), rows)
@@ -159,7 +159,7 @@ def test_rows_are_in_the_requested_order(rows, kind, more):
 
 @pytest.mark.parametrize("body", [None, "waist_pitch"])
 def test_a_centre_of_mass_moves_by_its_rows(body):
-    model, data = humanoid(), opened(humanoid(), 0.4)
+    model, data = humanoid(), open_state(humanoid(), 0.4)
     located = CenterOfMassTask(body, rows=[2, 0], target=POINT).on(model)
     check_slopes(model, data, located)
     center = data.subtree_com[0 if body is None else model.body(body).id]
@@ -170,7 +170,7 @@ def test_a_centre_of_mass_moves_by_its_rows(body):
 @pytest.mark.parametrize("make, frame", [(humanoid, "right_hand"), (arms, "left")])
 def test_an_axis_turns_away_from_its_target_by_its_rows(make, frame, axis):
     model = make()
-    data = opened(model, 0.4)
+    data = open_state(model, 0.4)
     at = data.site(frame)
     target = at.xpos + 0.8 * at.xmat.reshape(3, 3) @ axis / np.linalg.norm(axis)
     located = LookAtTask(frame, axis, target=target).on(model)
@@ -182,7 +182,7 @@ def test_an_axis_turns_away_from_its_target_by_its_rows(make, frame, axis):
 def test_the_angle_to_a_target_decreases_by_its_rows(seed):
     """The slope of the angle is that of the norm of the error, from any direction."""
     model, axis = humanoid(), np.array([0.3, -0.5, 0.7])
-    data = opened(model, 0.4, seed)
+    data = open_state(model, 0.4, seed)
     located = LookAtTask("right_hand", axis, target=POINT).on(model)
 
     def angle(there: mujoco.MjData) -> float:
@@ -209,7 +209,7 @@ def test_the_error_is_zero_straight_ahead_and_half_a_turn_behind(distance, missi
 
 
 def test_a_posture_error_is_that_of_mujoco_without_free_joints():
-    model, data = humanoid(), opened(humanoid(), 0.4)
+    model, data = humanoid(), open_state(humanoid(), 0.4)
     home = model.qpos0
     located = PostureTask(target=home).on(model)
     away = change(model, home, data.qpos)
@@ -224,7 +224,7 @@ def test_a_posture_error_is_that_of_mujoco_without_free_joints():
 
 
 def test_a_posture_of_a_ball_joint_is_a_rotation_vector():
-    model, data = arms(), opened(arms(), 0.4)
+    model, data = arms(), open_state(arms(), 0.4)
     located, step = PostureTask(joints=["a3"], target=model.qpos0).on(model), np.zeros(model.nv)
     step[located.velocities] = located.error(model, data)
     turned, home = (
@@ -235,7 +235,7 @@ def test_a_posture_of_a_ball_joint_is_a_rotation_vector():
 
 
 def test_a_coupling_is_the_sum_of_positions():
-    model, data = arms(), opened(arms(), 0.4)
+    model, data = arms(), open_state(arms(), 0.4)
     located = JointCouplingTask({"a1": 2.0, "a2": -3.0}, target=0.5).on(model)
     first, second = data.joint("a1").qpos[0], data.joint("a2").qpos[0]
     np.testing.assert_allclose(located.error(model, data), [0.5 - 2 * first + 3 * second])
@@ -274,7 +274,7 @@ TASKS = [
 def test_the_rows_of_a_task_are_the_slope_of_its_displacement(task, axes):
     """Check every velocity, hence the error that rates reduce."""
     model = arms()
-    data = closed(model)
+    data = closed_state(model)
     target = pose_of(model, data, task, axes)
     if isinstance(task, CenterOfMass):
         target = target.translation_m
@@ -290,7 +290,7 @@ def test_the_rows_of_a_task_are_the_slope_of_its_displacement(task, axes):
 
 def test_rows_of_several_tasks_are_stacked_and_indexed_by_task():
     model = arms()
-    data = closed(model, 1)
+    data = closed_state(model, 1)
     looking = LookAtTask("left", [0, 0, 1], target=np.ones(3))
     functions = [looking, JointCouplingTask({"a1": 1.0}), PostureTask(target=model.qpos0)]
     tasks = [*TASKS, *functions]

@@ -32,15 +32,24 @@ from sim import (
 )
 from sim.mjcf import mass_matrix
 from tests.motions import check_slope, kinematics, shifted
-from tests.sim.machines import CASES, SPARSE, at, closed, humanoid, limited, linkage, stored
+from tests.sim.machines import (
+    CASES,
+    SPARSE,
+    closed_state,
+    humanoid,
+    limited,
+    linkage,
+    state_at,
+    stored_options,
+)
 
 
-@stored
+@stored_options
 @pytest.mark.parametrize("seed", range(4))
 def test_the_task_jacobian_is_the_slope_of_the_pose_along_closed_loops(storage, seed):
     """Move along the null space of J_C, close the loops again, and compare the tool's motion."""
     model = linkage(*storage)
-    data = closed(model, seed)
+    data = closed_state(model, seed)
     jac = jacobians(model, data, "payload", "post")
     Z = scipy.linalg.null_space(jac.J_C)
     assert Z.shape == (model.nv, 7)
@@ -63,7 +72,7 @@ def test_the_jacobian_is_the_closed_form_away_from_the_nominal_pose(model):
     target = NOMINAL.moved(np.array([2e-3, -1e-3, 3e-3, 5e-4, 2e-4, -4e-4]))
     struts = [f"strut{k}" for k in range(1, 7)]
     lengths = dict(zip(struts, machine.displacements(target), strict=True))
-    there = assemble(model, at(model, **lengths), held=struts)
+    there = assemble(model, state_at(model, **lengths), held=struts)
     kin = kinematics(jacobians(model, there, "payload", "base"))
     np.testing.assert_allclose(machine.inverse_jacobian(target) @ kin.J, np.eye(6), atol=1e-7)
 
@@ -102,7 +111,7 @@ def of_loops(*storage: tuple[str, str]) -> tuple[Callable, Poses]:
     """Create states with closed and open loops, and with other equalities."""
     model, poses = linkage(*storage), []
     for seed in range(4):
-        poses.append(data := closed(model, seed))
+        poses.append(data := closed_state(model, seed))
         data.eq_active[model.equality("brake").id] = seed == 2
         data.eq_active[model.equality("reel").id] = seed != 3
         data.qpos[:7] += 1e-3 * (seed % 2)
@@ -119,7 +128,7 @@ def of_limits() -> tuple[Callable, Poses]:
 
 def of_drives(kind: str) -> tuple[Callable, Poses]:
     model = linkage(actuators=CASES[kind].mjcf)
-    return (lambda: JacobianReader(model, "tool")), [closed(model, seed) for seed in range(3)]
+    return (lambda: JacobianReader(model, "tool")), [closed_state(model, seed) for seed in range(3)]
 
 
 MADE: dict[str, Callable[[], tuple[Callable, Poses]]] = {
@@ -153,7 +162,7 @@ def test_views_equal_the_result_of_a_new_reader_exactly(name):
 
 def test_a_reader_follows_actuators_that_are_switched_off():
     model = linkage()
-    data, reader = closed(model), JacobianReader(model, "tool")
+    data, reader = closed_state(model), JacobianReader(model, "tool")
     both = reader.at(data)
     model.actuator_group[1], model.opt.disableactuator = 1, 2
     one = reader.at(data)

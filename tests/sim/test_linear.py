@@ -12,7 +12,7 @@ from sim.plant import NonlinearityMonitor, beyond_linear, dry_friction
 from sim.plant.linear import LinearPlant
 from tests.models import model_of
 from tests.motions import shifted
-from tests.sim.machines import WORLD, at, closed, linkage, pendulum
+from tests.sim.machines import WORLD, closed_state, linkage, pendulum, state_at
 
 
 def test_a_pendulum_swings_with_the_frequency_of_its_length():
@@ -66,7 +66,7 @@ def test_a_rod_between_two_ball_joints_is_unobservable_about_its_axis_only():
 def test_a_cable_that_just_begins_to_pull_has_its_stiffness(length):
     """The cable starts to act at its present length, 0.3 m, and acts on half of the joint."""
     model = pendulum('<motor joint="a"/>', cable='springlength="0 0.3" stiffness="50"')
-    stiffness = jacobians(model, at(model, a=2 * length), site="tool").stiffness
+    stiffness = jacobians(model, state_at(model, a=2 * length), site="tool").stiffness
     np.testing.assert_allclose(stiffness, [[50.0 / 4]])  # type: ignore[arg-type]
 
 
@@ -210,7 +210,7 @@ def test_contacts_outside_the_part_are_not_recorded():
 
 def test_the_mass_matrix_gives_the_kinetic_energy_of_any_velocity():
     model = linkage()
-    data = closed(model)
+    data = closed_state(model)
     mass = mass_matrix(model, data)
     model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
     for velocity in np.random.default_rng(0).normal(size=(3, model.nv)):

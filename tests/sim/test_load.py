@@ -17,7 +17,7 @@ from tests.models import FOLDER, model_of, saved
 from tests.sim.machines import CASES, SHIPPED, linkage
 
 
-def written(folder: Path, content: str) -> Path:
+def write_model(folder: Path, content: str) -> Path:
     file = folder / "robot.xml"
     file.write_text(content)
     return file
@@ -83,7 +83,7 @@ def test_numbers_that_may_be_infinite_or_small_are_accepted(tmp_path, old, new):
     ],
 )
 def test_an_invalid_file_has_the_same_message_with_and_without_locks(tmp_path, content):
-    file, messages = written(tmp_path, content), []
+    file, messages = write_model(tmp_path, content), []
     for add_locks in (False, True):
         with pytest.raises(ModelError) as raised:
             load_model(file, add_locks=add_locks)
@@ -128,7 +128,7 @@ def test_locks_are_added_as_the_files_of_this_repository_have_them(tmp_path, nam
     """Removed from the file and added again, all equalities are as before."""
     file = MODELS / f"{name}.xml"
     content, count = re.subn(r'<joint name="lock\d+".*/>', "", file.read_text())
-    complete, bare = load_model(file), written(tmp_path, content)
+    complete, bare = load_model(file), write_model(tmp_path, content)
     assert count == complete.nu
     assert load_model(bare).neq == complete.neq - count
     for already in (file, bare):
@@ -238,7 +238,7 @@ def test_a_mimic_joint_is_a_closed_loop_and_the_effort_limits_the_actuator(tmp_p
         kind = mujoco.mjtTrn.mjTRN_JOINT
         spec.add_actuator(name=name, target=name, trntype=kind).set_to_position(kp=500, kv=30)
     spec.compile()
-    model = load_model(written(tmp_path, spec.to_xml()))
+    model = load_model(write_model(tmp_path, spec.to_xml()))
     jac = jacobians(model, assemble(model), site=TOOL)
     elbow, follower = (model.joint(name).dofadr[0] for name in ("elbow", "follower"))
     (row,) = jac.J_C / jac.J_C[0, follower]

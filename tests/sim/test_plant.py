@@ -41,7 +41,7 @@ PERIOD_S = 1e-3
 HEXAPOD = str(MODELS / "fjh")
 
 
-def sway(plant: Plant, seconds: float) -> list[float]:
+def drive_sinusoid(plant: Plant, seconds: float) -> list[float]:
     """Drive all struts by 20 um at 0.5 Hz with different phases; return residuals by tick."""
     residuals = []
     for _ in range(round(seconds / PERIOD_S)):
@@ -61,10 +61,10 @@ MODES = STRUTS = some((0, 3), (1, 2, 4, 5))
 
 
 @cache
-def swung() -> tuple[Plant, list[float]]:
+def after_oscillation() -> tuple[Plant, list[float]]:
     """Return the hexapod after 0.8 s of oscillation, and its closure residuals."""
     plant = Plant(load_model())
-    return plant, sway(plant, 0.8)
+    return plant, drive_sinusoid(plant, 0.8)
 
 
 @pytest.mark.parametrize("seconds", some((0.25,), (2.0,)))
@@ -177,12 +177,12 @@ def test_halving_the_time_step_changes_no_rms_error_by_a_hundredth_percent(model
 
 @pytest.mark.parametrize("strut", STRUTS)
 def test_a_strut_locked_in_motion_stays_and_the_loops_stay_closed(strut):
-    plant, residuals = copy.deepcopy(swung())
+    plant, residuals = copy.deepcopy(after_oscillation())
     plant.lock(strut)
     where = plant.displacements()[strut]
     assert abs(where) > 1e-6, "the lock must be off centre to be a test"
     for _ in range(300):
-        residuals += sway(plant, PERIOD_S)
+        residuals += drive_sinusoid(plant, PERIOD_S)
         assert abs(plant.displacements()[strut] - where) < 1e-7
     assert max(residuals) < CLOSURE_LIMIT_M
 
@@ -199,7 +199,7 @@ def test_stops_hold_the_struts_within_their_stroke(model):
 
 def test_soft_loops_have_residuals_and_a_machine_without_loops_has_none(model):
     plant = Plant(model_of(HEXAPOD, ('solref="2.5e-4 1"', 'solref="0.02 1"')))
-    assert max(sway(plant, 0.2)) > 100 * CLOSURE_LIMIT_M
+    assert max(drive_sinusoid(plant, 0.2)) > 100 * CLOSURE_LIMIT_M
     cut = copy.copy(model)
     cut.eq_active0[:] = False
     plant = Plant(cut)
@@ -223,7 +223,7 @@ def test_a_plant_that_turns_non_finite_stops_with_its_time_and_state(flag):
     too_fast = (('timestep="1.25e-4"', 'timestep="1e-3"'), ('damping="110"', 'damping="2000"'))
     plant = Plant(model_of(HEXAPOD, ('autoreset="disable"', flag), *too_fast))
     with pytest.raises(SimulationDiverged) as caught:
-        sway(plant, 1.0)
+        drive_sinusoid(plant, 1.0)
     assert 0.001 < caught.value.time_s < 1.0
     assert caught.value.state[0] == pytest.approx(caught.value.time_s - PERIOD_S, abs=1e-9)
     assert np.isfinite(caught.value.state).all()

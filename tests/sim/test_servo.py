@@ -8,7 +8,7 @@ from sim import ModelError, Plant, servoed
 from sim.mjcf import mass_matrix
 from sim.scene import robot_scene
 from tests.models import saved
-from tests.sim.machines import WORLD, pendulum, posed
+from tests.sim.machines import WORLD, pendulum, started_model
 
 MOTORS = '<motor joint="a" gear="3"/><velocity joint="b" kv="7"/>'
 RATIO, FREQUENCY_HZ = 0.6, 5.0
@@ -93,7 +93,7 @@ def test_the_inertia_of_a_servo_in_a_loop_is_that_of_the_loop():
     servos = """<position joint="left" gear="3" kp="400" kv="8"/>
     <position joint="right" kp="3e3" kv="60"/>
     <position joint="elbow" kp="3e3" kv="60"/>"""
-    model, start = posed(
+    model, start = started_model(
         "squeezed_loop",
         ("<option ", '<option gravity="0 0 0" '),
         (' damping="1"', ""),

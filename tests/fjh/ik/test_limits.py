@@ -11,7 +11,7 @@ import pytest
 from fjh.ik import Ik, Limits
 from prioritized import Status
 from sim import Array, Body, Distances, FrameTask, PostureTask, assemble, ranges
-from tests.fjh.ik.models import model_of, moved, run_ticks
+from tests.fjh.ik.models import model_of, run_ticks, state_after
 from tests.robots import TEST_MODELS
 from tests.scenes import arm_among, distances_of
 
@@ -80,7 +80,7 @@ TURN_ON = PostureTask(target=[2.0, 0.0, 0.0])
 def test_without_ranges_a_passive_joint_leaves_its_range():
     model = model_of("four_bar")
     ik = Ik(model, [TURN_ON], Limits(ranges=False, velocity=1.0))
-    assert abs(moved(ik, assemble(model), 60, DT).joint("rocker").qpos[0]) > 0.35
+    assert abs(state_after(ik, assemble(model), 60, DT).joint("rocker").qpos[0]) > 0.35
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_a_passive_joint_of_a_loop_stays_in_its_range_and_is_braked_before_it(
 def test_a_loop_that_cannot_return_fast_enough_does_not_exceed_further():
     """The rocker is far beyond its range, and the crank that moves it back is slow."""
     model = copy(model_of("four_bar"))
-    data = moved(Ik(model, [TURN_ON], Limits(velocity=1.0)), assemble(model), 40, DT)
+    data = state_after(Ik(model, [TURN_ON], Limits(velocity=1.0)), assemble(model), 40, DT)
     beyond = abs(data.joint("rocker").qpos[0])
     model.joint("rocker").range[:] = -0.05, 0.05
     ik = Ik(model, [TURN_ON], Limits(velocity=0.05))
@@ -250,7 +250,7 @@ def test_the_distance_to_the_margin_shrinks_by_the_gain_in_every_tick(start_m, g
     data.qpos[0] = 0.9 - start_m
     ik = Ik(model, [FrameTask("tip", rows=[3], target=[9, 0, 0])], Limits(distances=distances))
     for k in range(1, 6):
-        data = moved(ik, data, 1, DT)
+        data = state_after(ik, data, 1, DT)
         expected = (1 - gain) ** k * (start_m - 0.01)
         assert 0.9 - data.qpos[0] - 0.01 == pytest.approx(expected, abs=1e-9)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import psutil
 from playwright.sync_api import Browser, Locator, Page, ViewportSize, sync_playwright
 
-from tests.processes import started
+from tests.processes import start_python
 
 FLAGS = (
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-sync"),
@@ -116,7 +116,7 @@ def browsed() -> Iterator[Browser]:
 
 def live(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
     """Start `fjh live` with these arguments."""
-    return started("-m", "experiments", "live", *arguments, "--out", str(folder))
+    return start_python("-m", "experiments", "live", *arguments, "--out", str(folder))
 
 
 @contextmanager

@@ -42,7 +42,7 @@ def driven() -> Robot:
     return robot_of(TEST_MODELS / "driven.xml", RobotOptions(noise=1e-5), settle=False)
 
 
-def off(name: str, sizes: Mismatch, seed: int) -> dict[str, np.ndarray]:
+def sampled_sizes(name: str, sizes: Mismatch, seed: int) -> dict[str, np.ndarray]:
     """Return relative differences of a plant's model from the nominal one by sampled size."""
     if name == "hexapod":
         nominal = shared_rig(name)
@@ -71,7 +71,7 @@ def off(name: str, sizes: Mismatch, seed: int) -> dict[str, np.ndarray]:
 
 @cache
 def many(machine: str) -> list[dict[str, np.ndarray]]:
-    return [off(machine, EVERYTHING[machine], seed) for seed in range(40)]
+    return [sampled_sizes(machine, EVERYTHING[machine], seed) for seed in range(40)]
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_a_size_fills_its_range_and_is_sampled_independently_of_others(machine, 
     assert kstest(samples.ravel() / size, "uniform", (-1, 2)).pvalue > 1e-3
     assert abs(np.corrcoef(samples[:, 0], samples[:, 1])[0, 1]) < 0.5
     for seed in (3, 7):
-        result = off(machine, alone(everything, name), seed)
+        result = sampled_sizes(machine, alone(everything, name), seed)
         np.testing.assert_allclose(result.pop(name), samples[seed], rtol=0, atol=1e-14)
         for other in result.values():
             assert np.abs(other).max() < 1e-12
