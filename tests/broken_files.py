@@ -1,4 +1,4 @@
-"""Corpus of unusable files for the tests of all readers.
+"""Unusable files for the tests of all readers.
 
 Each entry writes a file to a path, where a valid file may exist.
 """
@@ -27,8 +27,7 @@ class Evil:
         return os.mkdir, (EXECUTED,)
 
 
-def written(content: bytes) -> Spoil:
-    """Return a function that writes other content."""
+def file_of(content: bytes) -> Spoil:
     return lambda path: path.write_bytes(content)
 
 
@@ -48,17 +47,15 @@ NO_FILES: dict[str, Spoil] = {
 """Paths that must not be read or waited for."""
 
 CONTENTS: dict[str, Spoil] = {
-    "empty": written(b""),
-    "text": written(b"neither data nor MJCF"),
-    "not UTF-8": written(b"\x80\xff\xfe\n"),
-    "zeros": written(b"\0" * 300 + b"\n"),
-    "pickled": written(pickle.dumps(Evil())),
+    "empty": file_of(b""),
+    "text": file_of(b"neither data nor MJCF"),
+    "not UTF-8": file_of(b"\x80\xff\xfe\n"),
+    "zeros": file_of(b"\0" * 300 + b"\n"),
+    "pickled": file_of(pickle.dumps(Evil())),
 }
-"""Contents of no known format."""
 
 
 def without_its_last(count: int) -> Spoil:
-    """Return a function that removes the last bytes of a valid file."""
     return lambda path: os.truncate(path, max(0, path.stat().st_size - count))
 
 
@@ -87,7 +84,7 @@ def _declared(*shape: int) -> bytes:
     return file.getvalue()
 
 
-def packed(**entries: bytes) -> Spoil:
+def write_npz(**entries: bytes) -> Spoil:
     """Return a function that writes an `.npz` of some entries."""
 
     def make(path: Path) -> None:
@@ -100,20 +97,20 @@ def packed(**entries: bytes) -> Spoil:
 
 def _bomb(path: Path) -> None:
     """Write an archive that declares more unpacked data than may be read."""
-    packed(time_s=_declared(LARGEST_FILE // 8) + bytes(1000))(path)
-    content = path.read_bytes()  # its directory is believed
+    write_npz(time_s=_declared(LARGEST_FILE // 8) + bytes(1000))(path)
+    content = path.read_bytes()  # readers trust its directory
     at = content.rindex(b"PK\x01\x02") + 24
     path.write_bytes(content[:at] + (LARGEST_FILE + 1).to_bytes(4, "little") + content[at + 4 :])
 
 
 ARRAYS: dict[str, Spoil] = {
-    "objects": packed(time_s=saved(np.array([Evil()], dtype=object))),
-    "beyond memory": packed(time_s=_declared(10**13)),
-    "cut off": packed(time_s=_declared(100)),
-    "negative": packed(time_s=_declared(-1)),
-    "no array": packed(time_s=b"hello"),
-    "nothing of a run": packed(time_s=saved(np.zeros(3))),
-    "one array": written(saved([1.0])),
+    "objects": write_npz(time_s=saved(np.array([Evil()], dtype=object))),
+    "beyond memory": write_npz(time_s=_declared(10**13)),
+    "cut off": write_npz(time_s=_declared(100)),
+    "negative": write_npz(time_s=_declared(-1)),
+    "no array": write_npz(time_s=b"hello"),
+    "nothing of a run": write_npz(time_s=saved(np.zeros(3))),
+    "one array": file_of(saved([1.0])),
     "bomb": _bomb,
     "a flipped byte": _flipped,
     **CUT_OFF,
@@ -122,7 +119,7 @@ ARRAYS: dict[str, Spoil] = {
 
 
 def _path(time_s: np.ndarray, desired: np.ndarray) -> Spoil:
-    return packed(time_s=saved(time_s), desired=saved(desired))
+    return write_npz(time_s=saved(time_s), desired=saved(desired))
 
 
 PATHS: dict[str, Spoil] = {
@@ -132,27 +129,25 @@ PATHS: dict[str, Spoil] = {
     "NaN inside": _path(np.arange(3.0), np.full((3, 2), np.nan)),
     "no ticks": _path(np.zeros(0), np.zeros((0, 2))),
 }
-"""Broken `.npz` files of a path."""
 
 JSON: dict[str, Spoil] = {
-    "nested without end": written(b"[" * 200_000),
-    "endless number": written(b'{"a":' + b"9" * 6000 + b"}"),
-    "half": written(b'{"columns": '),
+    "nested without end": file_of(b"[" * 200_000),
+    "endless number": file_of(b'{"a":' + b"9" * 6000 + b"}"),
+    "half": file_of(b'{"columns": '),
 }
-"""Broken JSON files."""
 
 TABLES: dict[str, Spoil] = {
-    "NaN": written(b"1,nan\n1,1\n"),
-    "infinite": written(b"1,inf\n1,1\n"),
-    "ragged": written(b"1,1\n1\n"),
-    "of words": written(b"a,b\nc,d\n"),
+    "NaN": file_of(b"1,nan\n1,1\n"),
+    "infinite": file_of(b"1,inf\n1,1\n"),
+    "ragged": file_of(b"1,1\n1\n"),
+    "text": file_of(b"a,b\nc,d\n"),
 }
 """Broken CSV files."""
 
 MODELS: dict[str, Spoil] = {
-    "no machine": written(b"<mujoco/>"),
-    "half": written(b"<mujoco><worldbody>"),
-    "another format": written(b"<html></html>"),
-    "NaN": written(b'<mujoco><worldbody><body><geom size="nan"/></body></worldbody></mujoco>'),
+    "no machine": file_of(b"<mujoco/>"),
+    "half": file_of(b"<mujoco><worldbody>"),
+    "another format": file_of(b"<html></html>"),
+    "NaN": file_of(b'<mujoco><worldbody><body><geom size="nan"/></body></worldbody></mujoco>'),
 }
 """Broken MJCF files."""

@@ -1,14 +1,14 @@
 """Closed-form mass, damping and stiffness of the hexapod at the payload, an independent oracle.
 
-Twist [omega; v] of the payload origin in world axes. Struts turn about their bottom nodes q; the
+Twist [omega; v] of the payload origin in world axes. Struts rotate about their bottom nodes q; the
 node p at the top moves with d = v + omega x a, of which d_par = u.d stretches the strut and
-d_perp = d - u d_par swings it by u x d / L. Kinetic energy of one strut:
+d_perp = d - u d_par rotates it by u x d / L. Kinetic energy of one strut:
 
     2 T = (m_stem + m_tip) d_par^2
         + (m_tip + [I_housing + m_housing h^2 + I_stem + m_stem s^2] / L^2) d_perp^2
 
 with h, s the distances of the centres of mass from q and I the transverse inertias: the strut-mass
-term. Preload (P / L = 46 N/m, 0.04 % of the axial stiffness) is left out.
+term. Preload (P / L = 46 N/m, 0.04 % of the axial stiffness) is neglected.
 """
 
 from dataclasses import dataclass
@@ -68,8 +68,8 @@ def closed_form(model: mujoco.MjModel) -> ClosedForm:
         u = (p - q) / L
         d = np.hstack([-cross(a), np.eye(3)])  # twist -> velocity of the top node
         along, across = np.outer(u, u), np.eye(3) - np.outer(u, u)
-        swing = cross(u) @ d / L  # twist -> angular velocity of the strut
-        bend = across @ np.hstack([np.eye(3), np.zeros((3, 3))]) - swing
+        angular = cross(u) @ d / L  # twist -> angular velocity of the strut
+        bend = across @ np.hstack([np.eye(3), np.zeros((3, 3))]) - angular
         twist = np.hstack([u, np.zeros(3)])[None]
 
         turning = sum(
@@ -88,6 +88,6 @@ def closed_form(model: mujoco.MjModel) -> ClosedForm:
                 value[model.joint(f"{name}{k}").dofadr[0]]
                 for name in ("strut", "bottom_bend_x", "top_bend_x", "top_twist")
             )
-            matrix += slide * axial.T @ axial + bottom * swing.T @ swing
+            matrix += slide * axial.T @ axial + bottom * angular.T @ angular
             matrix += top * bend.T @ bend + torsion * twist.T @ twist
     return ClosedForm(M, C, K, np.array(rows))

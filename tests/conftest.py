@@ -13,31 +13,39 @@ from experiments.studies import LINES
 from tests import profiles
 from tests.durations import pytest_terminal_summary as pytest_terminal_summary
 
-# Whoever runs one test waits for what it imports: the command line and MuJoCo are imported where a
-# fixture needs them.
+# Fixtures import the command line and MuJoCo themselves, so that single tests start fast.
 if TYPE_CHECKING:
     import mujoco
 
 profiles.register()
 
-# Their assertions say what they compare, as those of tests do.
+# Assertions of these modules show the compared values, as in tests.
 pytest.register_assert_rewrite(
     *("tests.fjh.live.browser", "tests.fjh.survey.surveys", "tests.hostile", "tests.models"),
     *("tests.motions", "tests.processes"),
 )
 
-# A job that a shell puts in the background ignores Ctrl-C, and so would what the tests start.
+# Background jobs of a shell ignore Ctrl-C, and so would processes that the tests start.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-AT_NIGHT = {"table1", "release", "systems", "recover", "goals", "jacobian", "limits", "uncorrected"}
-"""Studies that take 15 s of a core and more: by day the contract of studies holds smaller ones."""
+NIGHT_STUDIES = {
+    "table1",
+    "release",
+    "systems",
+    "recover",
+    "goals",
+    "jacobian",
+    "limits",
+    "uncorrected",
+}
+"""Studies of 15 s and more of a core; short tests use smaller versions."""
 PAGES = Path(__file__).with_name("project")
-"""Its tests show what a reader of the pages has, by day as well."""
+"""Folder of tests of the pages, which use the whole studies in short runs, too."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark as long whatever needs the files of a study, however it comes by them."""
+    """Mark as long all tests that need the files of a study, by fixture or parameter."""
     for item in items:
         names = set[str](getattr(item, "fixturenames", ()))
         if "study" in names:  # the one that a module is named after, or a parameter
@@ -46,20 +54,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             names.add(f"{callspec.params.get('study')}_folder")
         if names & {"scheduler", "compared", *(f"{name}_folder" for name in LINES)}:
             item.add_marker(pytest.mark.long)
-        if names & {f"{name}_folder" for name in AT_NIGHT} and PAGES not in item.path.parents:
+        if names & {f"{name}_folder" for name in NIGHT_STUDIES} and PAGES not in item.path.parents:
             item.add_marker(pytest.mark.long)
             item.add_marker(pytest.mark.night)
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Show a failure when it happens: whoever stops the run would not see it at its end."""
+    """Print a failure when it occurs, since an interrupted run prints no summary."""
     if report.failed and "PYTEST_XDIST_WORKER" not in os.environ:
         print(f"\n{report.nodeid}\n{report.longreprtext}", file=sys.stderr, flush=True)
 
 
 @pytest.fixture(scope="session")
 def model() -> "mujoco.MjModel":
-    """The hexapod; plants copy it, tests that alter it must copy it too."""
+    """Load the hexapod; plants copy it, and tests that change it must copy it, too."""
     from sim import load_model
 
     return load_model()
@@ -67,7 +75,7 @@ def model() -> "mujoco.MjModel":
 
 @pytest.fixture
 def switching() -> Iterator[None]:
-    """Threads take turns after 10 us."""
+    """Let threads take turns every 10 us."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-5)
     yield
@@ -76,7 +84,7 @@ def switching() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def shared(tmp_path_factory) -> Path:
-    """A folder that all processes of this run of pytest have in common."""
+    """Return a folder that all processes of this run of pytest share."""
     own = tmp_path_factory.getbasetemp()
     return own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
 
@@ -85,8 +93,8 @@ Make = Callable[[str, Callable[[Path], int]], Path]
 
 
 @pytest.fixture(scope="session")
-def made_once(shared) -> Make:
-    """Makes a folder in the first process that needs it; one name is one folder and one command."""
+def created_once(shared) -> Make:
+    """Return a function that creates a folder of a name by a command, once in all processes."""
 
     def made(name: str, make: Callable[[Path], int]) -> Path:
         folder, complete = shared / name, shared / f"{name}.complete"
@@ -99,39 +107,39 @@ def made_once(shared) -> Make:
     return made
 
 
-def fjh(*words: str) -> Callable[[Path], int]:
-    """The command with these words, its folder left open."""
+def fjh(*arguments: str) -> Callable[[Path], int]:
+    """Return a function that runs a command with these arguments into a folder."""
 
     def command(folder: Path) -> int:
         from experiments.app.cli import main
 
-        return main([*words, "--out", str(folder)])
+        return main([*arguments, "--out", str(folder)])
 
     return command
 
 
 @pytest.fixture
 def refused(capfd) -> Callable[..., str]:
-    """The sentence with which words are refused: alone on standard error, without a traceback."""
+    """Return a function that runs a rejected command, and returns its one-line message."""
 
-    def sentence(*words: str, code: int = 2) -> str:
+    def sentence(*arguments: str, code: int = 2) -> str:
         from experiments.app.cli import main
 
-        assert main([*words]) == code
-        out, said = capfd.readouterr()
-        assert said.startswith("fjh: ") and said.count("\n") == 1 and len(said) < 2100
-        assert said[:-1].isprintable() and not out
-        return said
+        assert main([*arguments]) == code
+        out, message = capfd.readouterr()
+        assert message.startswith("fjh: ") and message.count("\n") == 1 and len(message) < 2100
+        assert message[:-1].isprintable() and not out
+        return message
 
     return sentence
 
 
-def folder_of(study: str, *words: str) -> Any:
-    """A fixture: the folder of a study, made by its command with these words."""
+def folder_of(study: str, *arguments: str) -> Any:
+    """Return a fixture: the folder of a study, created by its command with these arguments."""
 
     @pytest.fixture(scope="session", name=f"{study}_folder")
-    def folder(made_once: Make) -> Path:
-        return made_once(study, fjh(study, *words))
+    def folder(created_once: Make) -> Path:
+        return created_once(study, fjh(study, *arguments))
 
     return folder
 
@@ -146,12 +154,12 @@ goals_folder = folder_of("goals", "--quick")
 
 @pytest.fixture(scope="session")
 def jacobian_study(jacobian_folder):
-    """`jacobian.json`."""
+    """Return the contents of `jacobian.json`."""
     return json.loads((jacobian_folder / "jacobian.json").read_text())
 
 
 @pytest.fixture(scope="session")
 def table1(table1_folder):
-    """`table1.json`, its columns by name."""
+    """Return the contents of `table1.json`, with its columns by name."""
     summary = json.loads((table1_folder / "table1.json").read_text())
     return summary | {"by_name": {column["name"]: column for column in summary["columns"]}}

@@ -1,14 +1,13 @@
-"""Whoever runs `make test` waits for every test that is not marked long: these are to be short."""
+"""Total duration of the short tests, which `make test` runs."""
 
 import pytest
 
 BUDGET_S = 110.0
-"""Of all short tests and their fixtures, in all processes: 60 s on two cores with collection. One
-takes 0.4 s at most on an idle machine; `--durations` of the Makefile lists what takes longer."""
+"""Limit of the total duration [s] of short tests, 60 s on two cores; a test takes at most 0.4 s."""
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Show what all short tests took together; timings are noise, so none of them fails."""
+    """Print the total duration; it fails no test, since timings vary."""
     reports = [
         report
         for outcome in ("passed", "failed", "")  # the last of fixtures

@@ -1,4 +1,4 @@
-"""What of a frozen record can be written to all the same."""
+"""Search for writable arrays in frozen records."""
 
 import dataclasses
 import inspect
@@ -11,10 +11,7 @@ import numpy as np
 
 
 def writable(package: ModuleType, path: str, value: Any) -> Iterator[str]:
-    """Where arrays can be written to in the fields and kept properties of a package's records.
-
-    Named tuples and records that the package does not show are inner parts.
-    """
+    """Yield paths of writable arrays in the fields and cached properties of public records."""
     of: list[tuple[str, Any]] = []
     if isinstance(value, np.ndarray):
         if value.flags.writeable and value.size:
@@ -30,12 +27,12 @@ def writable(package: ModuleType, path: str, value: Any) -> Iterator[str]:
 
 
 def _public(record: Any) -> list[str]:
-    """Names of the fields, and of the properties that are kept: others are made anew."""
+    """Return the names of the public fields and cached properties."""
     fields = [field.name for field in dataclasses.fields(record)]
-    found = [
+    cached = [
         name
         for name, _ in inspect.getmembers_static(
             type(record), lambda each: isinstance(each, cached_property)
         )
     ]
-    return [name for name in dict.fromkeys((*fields, *found)) if name[0] != "_"]
+    return [name for name in dict.fromkeys((*fields, *cached)) if name[0] != "_"]

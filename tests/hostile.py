@@ -1,7 +1,4 @@
-"""Attack every public argument: each call ends in one sentence that names it, or finite numbers.
-
-What is attacked follows from signatures: valid values are defaults, or those that a room adds.
-"""
+"""Attack every public argument: each call gives one sentence that names it, or finite numbers."""
 
 import dataclasses
 import inspect
@@ -34,7 +31,7 @@ ANYWHERE = [
     *(1e308, 2**70, 10**400),
     *([], [[]], [1.0], np.ones(2, dtype=bool), [-1], [2**62], [0.5], np.array([object()])),
     *(np.zeros((1, 1, 1, 1, 1)), np.zeros((0, 3)), np.ones(99), [np.ma.masked, 1.0]),
-    np.ones((1, 1)).view(np.matrix),  # as a seed it ended the process
+    np.ones((1, 1)).view(np.matrix),  # it once ended the process as a seed
 ]
 """Values that replace any argument."""
 FEW = (None, "text", np.nan, -1, np.ones(99))
@@ -51,14 +48,14 @@ PLANTED = (np.nan, np.inf, 1e308, 1e160, 5e-324, 1e-310, 1j)
 def hostile(good: Any) -> Iterator[tuple[str, Any]]:
     """Yield replacements of a valid value, each with its name."""
     for value in ANYWHERE:
-        if not (callable(good) and callable(value)):  # a function's own errors are its own
+        if not (callable(good) and callable(value)):  # functions may raise any error
             yield label(value), value
     if isinstance(good, float):
         yield from ((f"scaled by {factor:g}", good * factor) for factor in SCALES)
     if isinstance(good, np.ndarray) and good.dtype == float and good.size:
         yield from _bent(good)
     if isinstance(good, tuple) and all(isinstance(each, np.ndarray) for each in good):
-        for number in (*PLANTED, -np.inf):  # a limit that nothing can be within
+        for number in (*PLANTED, -np.inf):  # limits that no number satisfies
             yield f"all {number}", tuple(np.full(each.shape, number) for each in good)
 
 
@@ -117,31 +114,31 @@ class Target(NamedTuple):
         return {name: data.draw(st.sampled_from(self.values(name, thin=True))) for name in pair}
 
 
-Found = dict[str, tuple[Callable[..., Any], type | None]]
+Callables = dict[str, tuple[Callable[..., Any], type | None]]
 """Callables by name, each with the class that it is a method of."""
 
 
-def public(*places: Any, trusted: Iterable[str] = ()) -> Found:
+def public(*places: Any, trusted: Iterable[str] = ()) -> Callables:
     """Return the public callables of modules and given ones, without protocols, errors, enums."""
-    found: Found = {}
+    result: Callables = {}
     for place in places:
         if isinstance(place, ModuleType):
             values = [value for name, value in vars(place).items() if name[0] != "_"]
-            found |= public(*(value for value in values if isinstance(value, type | FunctionType)))
+            result |= public(*(value for value in values if isinstance(value, type | FunctionType)))
         elif not isinstance(place, type):
-            found[place.__name__] = place, None
+            result[place.__name__] = place, None
         elif not issubclass(place, Exception | Enum) and not getattr(place, "_is_protocol", False):
-            found[place.__name__] = place, None
+            result[place.__name__] = place, None
             for name, value in inspect.getmembers(place, inspect.isroutine):
                 if name == "__call__" or name[0] != "_":
                     static = inspect.getattr_static(place, name)
                     owner = place if isinstance(static, FunctionType) else None
                     if isinstance(getattr(value, "__func__", value), FunctionType):
-                        found[f"{place.__name__}.{name}"] = value, owner
-    found = {name: each for name, each in found.items() if _parameters(*each)}
-    unknown = set(trusted) - set(found)
-    assert not unknown, f"trusted, but not there: {sorted(unknown)}"
-    return {name: found[name] for name in found if name not in set(trusted)}
+                        result[f"{place.__name__}.{name}"] = value, owner
+    result = {name: function for name, function in result.items() if _parameters(*function)}
+    unknown = set(trusted) - set(result)
+    assert not unknown, f"trusted, but missing: {sorted(unknown)}"
+    return {name: result[name] for name in result if name not in set(trusted)}
 
 
 def _parameters(function: Callable[..., Any], owner: type | None) -> dict[str, Any]:
@@ -152,43 +149,42 @@ def _parameters(function: Callable[..., Any], owner: type | None) -> dict[str, A
 
 
 @dataclass(frozen=True, kw_only=True)
-class Room:
-    """Everything that is attacked in a package, with the values that its calls need.
+class Package:
+    """Callables of a package that are attacked, with the valid arguments of their calls.
 
     Attributes:
-        found: What is attacked.
-        good: Good values by names of parameters; where there is none, the default is good.
-        special: Other good values of a callable; `...` leaves an argument out. Further sets have
-            labels of more words: of these alone, and of what must be given. `self` is called on.
-        of: What methods of a class are called on, or a function that makes it.
-        uses: How an answer is used, by the name of what is called or of its class; what answers
-            nothing changed its object, which is used then.
-        errors: Exactly these: LinAlgError is a ValueError too, but LAPACK's and not ours.
-        hard: What arguments ask for that are valid each, but not to be had.
+        callables: Attacked callables.
+        good: Valid values by name of the parameter, in addition to defaults.
+        special: Other valid values of a callable; `...` omits an argument, `self` is the object.
+            A label of more words is a further set: these values and required ones alone.
+        objects: Objects by class whose methods are called, or functions that create them.
+        uses: Functions that use a result, by callable or class; without a result, the object.
+        errors: Exact classes of errors, since LAPACK's LinAlgError is a ValueError, too.
+        unsolvable: Errors for arguments that are valid alone, but have no solution.
         gaps: By label, arguments whose masked numbers count as missing.
-        spared: By label, arguments that are not attacked in this set.
-        ranges: What numbers of a parameter lie in where they are not refused.
-        unbounded: Ends of names of numbers that are infinite where there is no limit.
-        slow: Labels of what gets a few values of each kind by day.
+        excluded: By label, arguments that are not attacked in this set.
+        ranges: Intervals of accepted numbers of a parameter.
+        unbounded: Ends of names of numbers that are infinite without a limit.
+        slow: Labels of callables that get a few values of each kind in short tests.
     """
 
-    found: Found
+    callables: Callables
     good: Mapping[str, Any]
     special: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    of: Mapping[str, Any] = field(default_factory=dict)
+    objects: Mapping[str, Any] = field(default_factory=dict)
     uses: Mapping[str, Callable[[Any], Any]] = field(default_factory=dict)
     errors: tuple[type[Exception], ...] = (ValueError, TypeError)
-    hard: tuple[type[Exception], ...] = ()
+    unsolvable: tuple[type[Exception], ...] = ()
     gaps: Mapping[str, Iterable[str]] = field(default_factory=dict)
-    spared: Mapping[str, Iterable[str]] = field(default_factory=dict)
+    excluded: Mapping[str, Iterable[str]] = field(default_factory=dict)
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     unbounded: tuple[str, ...] = ("gap",)
     slow: Iterable[str] = ()
 
     def targets(self, name: str) -> Iterator[Target]:
         """Yield a callable with each set of valid arguments, which must cover all parameters."""
-        parameters = _parameters(*self.found[name])
-        options = "**" in str(inspect.signature(self.found[name][0]))
+        parameters = _parameters(*self.callables[name])
+        options = "**" in str(inspect.signature(self.callables[name][0]))
         attacked = set[str]()
         for label in [name, *(each for each in self.special if each.startswith(f"{name} "))]:
             given = {**self.special.get(label, {})}
@@ -197,40 +193,40 @@ class Room:
             for each, default in parameters.items():
                 if each not in given and (default is inspect.Parameter.empty or label == name):
                     given[each] = self.good.get(each, default)
-                    known = {*self.good, *self.spared.get(label, ())}
+                    known = {*self.good, *self.excluded.get(label, ())}
                     if default is None or default is inspect.Parameter.empty:
                         assert each in known, f"{name}: no good value of {each}"
-            thing = given.pop("self", None)
+            instance = given.pop("self", None)
             good = {each: value for each, value in given.items() if value is not ...}
-            names = [each for each in good if each not in self.spared.get(label, ())]
+            names = [each for each in good if each not in self.excluded.get(label, ())]
             attacked |= set(names)
-            yield Target(label, self._call(name, thing), good, names)
-        missed = set(parameters) - attacked - set(self.spared.get(name, ()))
+            yield Target(label, self._call(name, instance), good, names)
+        missed = set(parameters) - attacked - set(self.excluded.get(name, ()))
         assert not missed, f"{name}: never attacked: {sorted(missed)}"
 
-    def _call(self, name: str, thing: Any) -> Callable[..., Any]:
-        function, owner = self.found[name]
+    def _call(self, name: str, instance: Any) -> Callable[..., Any]:
+        function, owner = self.callables[name]
 
-        def used(**given: Any) -> Any:
+        def call(**arguments: Any) -> Any:
             on = None
             if owner is not None:
-                on = self.of[owner.__name__] if thing is None else thing
+                on = self.objects[owner.__name__] if instance is None else instance
                 on = on() if isinstance(on, FunctionType) else on
-            answer = function(**given) if owner is None else function(on, **given)
-            answer = on if answer is None else answer
-            for kind in (name, *(each.__name__ for each in type(answer).__mro__)):
+            result = function(**arguments) if owner is None else function(on, **arguments)
+            result = on if result is None else result
+            for kind in (name, *(base.__name__ for base in type(result).__mro__)):
                 if kind in self.uses:
-                    return self.uses[kind](answer)
-            return answer
+                    return self.uses[kind](result)
+            return result
 
-        return used
+        return call
 
     def attack(self, name: str, *, pairs: bool = False) -> None:
         """Attack each argument of a callable, and every pair of arguments."""
         complaints = list[str | None]()
         for target in self.targets(name):
-            answer = target.call(**target.good)  # else nothing would be attacked
-            assert not list(self._not_finite(target.label, answer))
+            result = target.call(**target.good)  # else no argument would be attacked
+            assert not list(self._not_finite(target.label, result))
             thin = target.label in self.slow and not pairs
             wrongs = (*target.ones(thin=thin), *(target.twos() if pairs else ()))
             complaints += [self.complaint(target, wrong) for wrong in wrongs]
@@ -238,46 +234,46 @@ class Room:
 
     def attack_two(self, data: st.DataObject) -> None:
         """Attack any two arguments of any callable."""
-        several = [name for name in self.found if len(_parameters(*self.found[name])) > 1]
-        of_one = self.targets(data.draw(st.sampled_from(several)))
-        target = data.draw(st.sampled_from([each for each in of_one if len(each.names) > 1]))
+        several = [name for name, each in self.callables.items() if len(_parameters(*each)) > 1]
+        targets = self.targets(data.draw(st.sampled_from(several)))
+        target = data.draw(st.sampled_from([each for each in targets if len(each.names) > 1]))
         assert not (message := self.complaint(target, target.sample(data))), message
 
     def complaint(self, target: Target, wrong: Wrong) -> str | None:
         """Return what is wrong with the outcome of one call, or None."""
-        what = self._outcome(target, {name: value for name, (_, value) in wrong.items()})
-        put = " and ".join(f"{name} = {called}" for name, (called, _) in wrong.items())
-        return f"{target.label}: {put}: {what}" if what else None
+        outcome = self._outcome(target, {name: value for name, (_, value) in wrong.items()})
+        values = " and ".join(f"{name} = {label}" for name, (label, _) in wrong.items())
+        return f"{target.label}: {values}: {outcome}" if outcome else None
 
     def _outcome(self, target: Target, wrong: Mapping[str, Any]) -> str | None:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
-                answer = target.call(**{**target.good, **wrong})
+                result = target.call(**{**target.good, **wrong})
         except Exception as error:
-            return self._strange(error, target.good)
+            return self._unexpected(error, target.good)
         gaps = self.gaps.get(target.label, ())
         if any(is_masked(value) for name, value in wrong.items() if name not in gaps):
-            return "took masked numbers for data"
+            return "accepted masked numbers as data"
         for name in wrong.keys() & self.ranges.keys():
             low, high = self.ranges[name]
             values = np.asarray(wrong[name], dtype=object).flat
             numbers = [each for each in values if isinstance(each, float | int)]
             if not all(low <= each <= high for each in numbers):
-                return f"took {name} beyond {low:g}..{high:g}"
-        return next(self._not_finite("answer", answer), None)
+                return f"accepted {name} beyond {low:g}..{high:g}"
+        return next(self._not_finite("result", result), None)
 
-    def _strange(self, error: Exception, names: Iterable[str]) -> str | None:
+    def _unexpected(self, error: Exception, names: Iterable[str]) -> str | None:
         text = str(error)
         listed = "must" in text and any(re.search(rf"\b{name}\b", text) for name in names)
-        if type(error) in self.hard and "\n" not in text:
+        if type(error) in self.unsolvable and "\n" not in text:
             return None
         if type(error) not in self.errors or not listed or "\n" in text or len(text) > 300:
             return f"raised {type(error).__name__}: {text[:200]!r}"
         return None
 
     def _not_finite(self, path: str, value: Any) -> Iterator[str]:
-        """Yield where an answer contains NaN or infinity."""
+        """Yield where a result contains NaN or infinity."""
         if isinstance(value, np.ndarray | np.generic | float):
             array = np.ravel(value)
             wrong = np.isnan if path.endswith(self.unbounded) else lambda x: ~np.isfinite(x)
@@ -294,24 +290,24 @@ class Room:
                 yield from self._not_finite(f"{path}[{k}]", item)
 
 
-def one_by_one(room: Callable[[], Room], found: Found) -> Callable[..., None]:
-    """Return the test that a hostile argument is named or harmless; long for all pairs."""
+def one_by_one(package: Callable[[], Package], names: Callables) -> Callable[..., None]:
+    """Return the test that a hostile argument is reported or harmless; long for all pairs."""
     pairs = [False, pytest.param(True, marks=[pytest.mark.long, pytest.mark.night])]
 
     @pytest.mark.parametrize("pairs", pairs)
-    @pytest.mark.parametrize("name", found)
+    @pytest.mark.parametrize("name", names)
     def law(name: str, pairs: bool) -> None:
-        room().attack(name, pairs=pairs)
+        package().attack(name, pairs=pairs)
 
     return law
 
 
-def two_at_once(room: Callable[[], Room]) -> Callable[[], None]:
-    """Return the test that two hostile arguments of any kind are named or harmless."""
+def two_at_once(package: Callable[[], Package]) -> Callable[[], None]:
+    """Return the test that two hostile arguments of any kind are reported or harmless."""
 
     @examples(1000)
     @given(st.data())
     def law(data: st.DataObject) -> None:
-        room().attack_two(data)
+        package().attack_two(data)
 
     return law

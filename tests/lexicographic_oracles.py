@@ -1,13 +1,13 @@
 """Oracles of bounded lexicographic least squares: simple, slow, and independent of the library.
 
 Given levels (A_1, b_1), (A_2, b_2), ..., bounds lower <= x <= upper, and perhaps rows G with
-lo <= G x <= hi: among the x that keep bounds and rows, minimize |A_1 x - b_1|; among the
-minimizers, |A_2 x - b_2|; and so on; last of all |x|. Bounds may be infinite or equal. All that is
-unique is the answer x, and A_k x of each level.
+lo <= G x <= hi: among the x within bounds and rows, minimize |A_1 x - b_1|; among the minimizers,
+|A_2 x - b_2|; and so on; finally |x|. Bounds may be infinite or equal. The solution x and A_k x of
+each level are unique, other quantities are not.
 
-Ranks are decided at `RANK` relative to each level's own A. What is nearly singular must stay well
-above, and what is singular is at round-off. Bounds, and what x comes out, should be of size one:
-tolerances are relative to 1 + |x|.
+Ranks are decided at `RANK` relative to each level's own A: nearly singular problems must be well
+above, singular ones at round-off. Bounds and x should be of size one, as tolerances are relative
+to 1 + |x|.
 """
 
 import itertools
@@ -23,10 +23,7 @@ Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 RANK = 1e-11
 FEASIBLE = 1e-11
-"""Violation of a limit or an equation, relative to 1 + |x|, up to which a candidate is feasible."""
-
-
-# One level on one active set.
+"""Tolerance of limits and equations, relative to 1 + |x|, of a feasible candidate."""
 
 
 def _norm(A: np.ndarray) -> float:
@@ -49,7 +46,7 @@ def _solution(A: np.ndarray, b: np.ndarray, scale: float) -> tuple[np.ndarray, n
 def _minimizer(E: np.ndarray, e: np.ndarray, A: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the least-norm minimizer of |A x - b| with E x = e."""
     x, Z = _solution(E, e, scale=1.0)
-    # Relative to A: where A Z is round-off, E decides A x already.
+    # Ranks are relative to A: where A Z is round-off, E determines A x.
     y, _ = _solution(A @ Z, b - A @ x, _norm(A))
     return x + Z @ y
 
@@ -86,9 +83,6 @@ def _sides(G: np.ndarray, lo: np.ndarray, hi: np.ndarray) -> tuple[np.ndarray, n
     """Return all finite limits as G x <= top."""
     G, top = np.vstack([G, -G]), np.append(hi, -lo)
     return G[np.isfinite(top)], top[np.isfinite(top)]
-
-
-# The oracles.
 
 
 @dataclass(frozen=True)
@@ -131,9 +125,8 @@ def sizes(A: np.ndarray) -> np.ndarray:
 def enumerated(levels: Levels, lower: np.ndarray, upper: np.ndarray) -> Known:
     """Solve B problems, levels (B, k, n) and (B, k), bounds (B, n), by enumerating active sets.
 
-    An active set leaves a least-squares problem in the free unknowns, with the levels before as
-    equations E x = e, each level's rows over their size. The best that keeps the bounds is the
-    level's optimum: it is among them, since the least-norm optimum solves the case of its own set.
+    Each active set leaves a least-squares problem in the free unknowns, with the earlier levels as
+    equations E x = e. The optimum is the best solution within the bounds, as its own set is one.
     """
     count, n = lower.shape
     cases = np.array(list(itertools.product((-1, 0, 1), repeat=n)))
@@ -150,7 +143,7 @@ def enumerated(levels: Levels, lower: np.ndarray, upper: np.ndarray) -> Known:
         size = sizes(A) + (sizes(A) == 0)
         A, b = A / size[:, None, None], b / size[:, None]
         retained = _Inverse(A, np.full(count, RANK)).Vt
-        A = A @ retained.mT @ retained  # or what does not count would choose among large x
+        A = A @ retained.mT @ retained  # else small terms determine large x
         earlier = _Inverse(E[of] * free[:, None], np.full(len(of), RANK))
         y = fixed + earlier.solve(e[of] - times(E[of], fixed))
         others = free[:, :, None] * np.eye(n) - earlier.Vt.mT @ earlier.Vt
@@ -164,7 +157,7 @@ def enumerated(levels: Levels, lower: np.ndarray, upper: np.ndarray) -> Known:
         best = np.full(count, np.inf)
         np.minimum.at(best, of, value)
         gap[np.isinf(best)] = 0.0
-        # The first that is best, in the order of the problems.
+        # The first of the best sets is used.
         winner = np.nonzero(value <= best[of])[0]
         winner = winner[np.unique(of[winner], return_index=True)[1]]
         x = np.clip(y[winner], lower, upper)
@@ -180,8 +173,8 @@ def by_active_sets(
 ) -> np.ndarray:
     """Solve one problem, x (n,), by :func:`enumerated`; for n plus the number of rows up to 6.
 
-    Rows are a first level G x = s of more unknowns s; x is the least before s is. NaN where
-    round-off leaves no case within the bounds.
+    Rows are a first level G x = s of additional unknowns s, minimized in norm after x. The result
+    is NaN if round-off leaves no solution within the bounds.
     """
     n = len(lower)
     if rows is not None:
@@ -201,19 +194,18 @@ def by_interior_point(
 ) -> np.ndarray:
     """Solve one problem, x (n,), by a quadratic program per level: Clarabel, at 1e-12.
 
-    The solver's point only is near an optimum, and says in which order limits are likely to bind:
-    by the ratio of slack and multiplier. With the first 0, 1, 2, ... of them as equations a level
-    is a least-squares problem; of its solutions nearest to that point, the one is taken that best
-    meets the conditions of an optimum (:func:`_kkt`). A limit with a multiplier holds in every
-    optimum: it becomes an equation of the later levels, so that their programs keep an interior.
+    The ratio of slack and multiplier at the solver's approximate point orders the limits. With the
+    first 0, 1, 2, ... of them as equations, a level is a least-squares problem; the result is the
+    solution that satisfies the conditions of an optimum best (:func:`_kkt`). A limit with a
+    multiplier is active in every optimum, hence an equation of the later levels.
 
-    A RuntimeError says that Clarabel ends without a solution.
+    Raises RuntimeError if Clarabel finds no solution.
     """
     G, top = _sides(*_constraints(lower, upper, rows))
     former, x = _Former(len(lower)), np.zeros(len(lower))
     for A, b in _with_least_norm(levels, len(lower)):
         if not A.any():
-            continue  # every x is as good
+            continue  # every x is optimal
         near, order = _program(A, b, former, G, top)
         trials = []
         for k in range(len(order) + 1):
@@ -242,9 +234,9 @@ def _program(
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
-    settings.tol_infeas_abs = settings.tol_infeas_rel = 1e-14  # 1e4 times the bounds is no proof
-    # Over t in x + Z (V diag(1 / s) t_1 + V_0 t_2), A Z = U diag(sigma) V^T. With s = sigma the
-    # objective is as well conditioned as can be, with s = 1 the limits are.
+    settings.tol_infeas_abs = settings.tol_infeas_rel = 1e-14  # 1e4 times the bounds proves nothing
+    # Unknowns are t in x + Z (V diag(1 / s) t_1 + V_0 t_2), A Z = U diag(sigma) V^T. With s = sigma
+    # the objective is well conditioned, with s = 1 the limits are.
     for s in (sigma, np.ones(len(sigma))):
         to_y, slope = np.hstack([V / s, V0]), np.append(sigma / s, np.zeros(V0.shape[1]))
         q = -slope * np.append(U.T @ (b - A @ x), np.zeros(V0.shape[1]))
@@ -263,50 +255,36 @@ def _program(
     raise RuntimeError(f"Clarabel ended with {result.status}")
 
 
-# The conditions of an optimum.
-
-
 def _kkt(
-    A: np.ndarray,
-    b: np.ndarray,
-    former: _Former,
-    G: np.ndarray,
-    top: np.ndarray,
-    x: np.ndarray,
+    A: np.ndarray, b: np.ndarray, former: _Former, G: np.ndarray, top: np.ndarray, x: np.ndarray
 ) -> tuple[float, np.ndarray]:
     """Return the KKT residual of minimizing |A x - b| with E x = e and G x <= top, and multipliers.
 
-    The largest of how far it is beyond a limit, of the part of the gradient that no multiplier
-    balances, and of a multiplier times its distance from the limit.
+    It is the largest of the violation of limits, the gradient that multipliers do not balance, and
+    each multiplier times its slack.
     """
     unit, norm = 1 + _norm(x), _norm(A)
     size = norm * (norm * unit + _norm(b)) or 1.0
-    room = top - G @ x
-    reached = room <= 1e-8 * unit
+    distance = top - G @ x
+    reached = distance <= 1e-8 * unit
     _, Z = _solution(former.E, former.e, scale=1.0)
     descent = -Z.T @ (A.T @ (A @ x - b)) / size
     multipliers, others = np.zeros(len(top)), float(_norm(descent))
     if reached.any() and len(descent):
         multipliers[reached], others = nnls(Z.T @ G[reached].T, descent)
-    off = max(-room.min(initial=0.0), np.abs(former.E @ x - former.e).max(initial=0.0))
-    balance = np.abs(multipliers * room).max(initial=0.0)
+    off = max(-distance.min(initial=0.0), np.abs(former.E @ x - former.e).max(initial=0.0))
+    balance = np.abs(multipliers * distance).max(initial=0.0)
     return max(float(off / unit), float(others), float(balance / unit)), multipliers
 
 
 def certificate(
-    levels: Levels,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    x: np.ndarray,
-    rows: Rows | None = None,
+    levels: Levels, lower: np.ndarray, upper: np.ndarray, x: np.ndarray, rows: Rows | None = None
 ) -> float:
     """Return the largest KKT residual of x (n,), level by level, then of |x|.
 
-    Level k is a convex problem with the earlier levels' A_j x as equations, so that these
-    conditions prove its optimum: its gradient A^T (A x - b) is a combination of the rows A_j and,
-    with multipliers of one sign each, of the limits that x reaches to within 1e-8 of 1 + |x|.
-    An x that errs by d along a singular value s of A shows as s^2 d only: small residuals prove
-    the levels' values, not the digits of x.
+    Level k is convex with the earlier A_j x as equations: its gradient A^T (A x - b) combines rows
+    A_j and, with multipliers of one sign, limits within 1e-8 of 1 + |x|. An error d along a
+    singular value s adds s^2 d: small residuals prove values of levels, not the digits of x.
     """
     G, top = _sides(*_constraints(lower, upper, rows))
     former, worst = _Former(len(x)), 0.0

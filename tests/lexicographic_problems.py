@@ -35,13 +35,13 @@ def random_problem(
     Args:
         rng: Random generator.
         n: Number of unknowns.
-        kinds: Of each level, from `KINDS`. "any rank" has singular values from 0.5 to 2 and zeros;
-            "nearly singular" has one of 1e-4; "redundant rows" repeats combinations of rows;
-            "dependent levels" repeats combinations of the rows before, in part; "zero" is A = 0.
+        kinds: Kind of each level, from `KINDS`. "any rank" has singular values from 0.5 to 2 and
+            zeros; "nearly singular" has one of 1e-4; "redundant rows" repeats combinations of rows;
+            "dependent levels" repeats combinations of earlier rows, in part; "zero" is A = 0.
         bounds: "mixed": finite, infinite on one side or both, equal; "finite" or "none".
-        extent: How far targets are, in bounds: below 1, some x within the bounds meets b, another x
-            for each level; above, limits hold most levels back, and every other b is met by no x.
-        rows: Number of rows G, which a point within the bounds keeps.
+        extent: Distance of targets relative to the bounds: below 1, each level is attainable alone;
+            above, limits restrict most levels, and every other b is unattainable.
+        rows: Number of rows G, which a point within the bounds satisfies.
     """
     lower, upper = -rng.uniform(0.1, 1.0, n), rng.uniform(0.1, 1.0, n)
     if bounds != "finite":
@@ -58,14 +58,14 @@ def random_problem(
         goal = extent * (rng.uniform(-1, 1, n) if extent < 1 else rng.normal(size=n))
         b = A @ (np.clip(goal, lower, upper) if extent < 1 else goal)
         if extent >= 1:
-            b = b + extent * rng.normal(size=len(b)) * rng.integers(0, 2)  # no x at all, or some x
+            b = b + extent * rng.normal(size=len(b)) * rng.integers(0, 2)  # infeasible or feasible
         levels.append((A, b))
     if not rows:
         return Problem(tuple(levels), lower, upper)
     G = rng.normal(size=(rows, n))
-    room = rng.uniform(0.05, 0.5, (2, rows))
-    room[0, rng.random(rows) < 0.3] = np.inf
-    return Problem(tuple(levels), lower, upper, (G, G @ inside - room[0], G @ inside + room[1]))
+    margin = rng.uniform(0.05, 0.5, (2, rows))
+    margin[0, rng.random(rows) < 0.3] = np.inf
+    return Problem(tuple(levels), lower, upper, (G, G @ inside - margin[0], G @ inside + margin[1]))
 
 
 @st.composite

@@ -28,7 +28,7 @@ def saved(folder: Path, name: str, *changes: tuple[str, str]) -> Path:
     return file
 
 
-def model(name: str, *changes: tuple[str, str], add_locks: bool = False) -> "mujoco.MjModel":
+def model_of(name: str, *changes: tuple[str, str], add_locks: bool = False) -> "mujoco.MjModel":
     """Return a copy of a model, compiled once, with locks added by `load_model` on request."""
     return copy.copy(_compiled(text(name, *changes), add_locks))
 

@@ -1,4 +1,4 @@
-"""The code of a page, and what the page says that it prints."""
+"""Code of a page, and the output stated on the page."""
 
 import contextlib
 import io
@@ -8,15 +8,14 @@ _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?")
 
 
 def assert_prints(printed: str, page: str) -> None:
-    """Words and whole numbers as on the page; other numbers to within one of its last digit.
+    """Assert equal text and whole numbers, and other numbers to one unit of the last digit.
 
-    A number may lie where it rounds up on one processor and down on another, and a zero may have a
-    sign. Blanks count as one: numpy pads columns.
+    Rounding may differ between processors, and zeros may have a sign. Spaces count as one.
     """
-    found, expected = (_NUMBER.findall(text) for text in (printed, page))
-    words = [" ".join(_NUMBER.sub(" # ", text).split()) for text in (printed, page)]
-    assert words[0] == words[1]
-    for number, wanted in zip(found, expected, strict=True):
+    numbers, expected = (_NUMBER.findall(text) for text in (printed, page))
+    texts = [" ".join(_NUMBER.sub(" # ", text).split()) for text in (printed, page)]
+    assert texts[0] == texts[1]
+    for number, wanted in zip(numbers, expected, strict=True):
         mantissa, _, exponent = wanted.partition("e")
         _, _, digits = mantissa.partition(".")
         last = 10.0 ** (int(exponent or 0) - len(digits)) if digits else 0.0
@@ -24,16 +23,12 @@ def assert_prints(printed: str, page: str) -> None:
 
 
 def blocks(text: str) -> list[tuple[str, str]]:
-    """Language and contents of each fenced block."""
+    """Return language and contents of each fenced block."""
     return re.findall(r"^```(\w+)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
 
 
 def run(text: str) -> dict:
-    """Execute the Python of a page in order; what a block prints must stand in the text after it.
-
-    Returns:
-        The names that it leaves.
-    """
+    """Execute the Python blocks of a page, check the stated output, and return the names."""
     names: dict = {}
     printed = ""
     for language, content in blocks(text):

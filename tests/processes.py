@@ -1,4 +1,4 @@
-"""Commands in processes of their own, which signals reach as at a terminal."""
+"""Commands in separate processes, which receive signals as in a terminal."""
 
 import os
 import signal
@@ -14,30 +14,30 @@ CODES = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGHUP: 129}
 INTERRUPTED = "fjh: interrupted: no file was left half-written\n"
 
 
-def _heard() -> None:
-    """What `nohup` and a shell in the background have ignored, a child would ignore as well."""
-    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(each, signal.SIG_DFL)
+def _reset_signals() -> None:
+    """Reset signals, since a child ignores those that `nohup` or a background shell ignored."""
+    for number in CODES:
+        signal.signal(number, signal.SIG_DFL)
 
 
-def started(*command: str) -> subprocess.Popen[str]:
-    """An interpreter of Python with these words."""
+def start_python(*command: str) -> subprocess.Popen[str]:
+    """Start the Python interpreter with these arguments."""
     return subprocess.Popen(
         [sys.executable, *command],
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         stderr=subprocess.PIPE,
         stdout=subprocess.PIPE,
         start_new_session=True,
-        preexec_fn=_heard,
+        preexec_fn=_reset_signals,
         text=True,
     )
 
 
-def ended(process: subprocess.Popen[str], number: signal.Signals | int) -> None:
-    """It ends by the signal that it was sent, with one sentence, and leaves no process."""
+def assert_interrupted(process: subprocess.Popen[str], number: signal.Signals | int) -> None:
+    """Check that a signal ends a process with one sentence, and that no process is left."""
     _, error = process.communicate(timeout=60)
     assert (process.returncode, error) == (CODES[signal.Signals(number)], INTERRUPTED)
     with pytest.raises(ProcessLookupError):
-        for _ in range(200):  # Python's own tracker of resources takes a moment
+        for _ in range(200):  # Python's resource tracker ends a little later
             os.killpg(process.pid, 0)
             time.sleep(0.05)

@@ -1,7 +1,7 @@
-"""On how many examples a property is tried: the environment variable `PROPERTIES` says it.
+"""Number of examples of each property, by the environment variable `PROPERTIES`.
 
-`local` tries the same 20 in every run; `ci`, in force where `CI` is set, 50 others in each, `night`
-1,000. An example that fails is printed with the line that repeats it, and is kept in `.hypothesis`.
+`local` uses the same 20 in every run, `ci` (set by `CI`) 50 others in each run, `night` 1,000.
+A failing example is printed with the line that repeats it, and saved in `.hypothesis`.
 """
 
 import os
@@ -10,11 +10,11 @@ from hypothesis import HealthCheck, settings
 from hypothesis.database import DirectoryBasedExampleDatabase
 
 EXAMPLES = {"local": 20, "ci": 50, "night": 1000}
-"""Examples of a property that states no number of its own."""
+"""Number of examples of a property without its own number."""
 
 
 def register() -> None:
-    """Put the profile of the environment in force."""
+    """Load the profile of the environment."""
     name = os.environ.get("PROPERTIES") or ("ci" if os.environ.get("CI") else "local")
     settings.register_profile(
         name,
@@ -29,10 +29,10 @@ def register() -> None:
 
 
 def scaled(usual: int) -> int:
-    """A number of examples where others have 100, in proportion to the profile in force."""
+    """Return the number of examples by the profile, where others have 100."""
     return max(1, usual * settings().max_examples // 100)
 
 
 def examples(usual: int) -> settings:
-    """The decorator of a property that has a number of its own where others have 100."""
+    """Return the decorator of a property with its own number, where others have 100."""
     return settings(max_examples=scaled(usual))

@@ -36,10 +36,10 @@ class RandomSystem:
 
     system: ConstrainedSystem
     reachable: int  # dimension of the task velocities that the actuators reach
-    bound: int  # number of active rates that the loops forbid
+    bound: int  # number of active rates that the loops constrain
     internal: int  # dimension of the internal forces
-    self_motion: int  # dimension of the task motion with every active joint held
-    unobservable: int  # dimension of the passive motion that the task does not see
+    self_motion: int  # dimension of the task motion with active joints fixed
+    unobservable: int  # dimension of the passive motion without effect on the task
     rng: np.random.Generator
 
 

@@ -1,4 +1,4 @@
-"""Reading recordings back, with nothing of the code that wrote them."""
+"""Read recordings independently of the code that wrote them."""
 
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ from rerun.chunk import RrdReader
 
 
 def rows(path: Path, entity: str, component: str) -> tuple[np.ndarray, list[Any]]:
-    """Times [ns] and values of a component of an entity, in the order of time."""
+    """Return times [ns] and values of a component of an entity, ordered by time."""
     stream = RrdReader(path).stream()
     chunks = stream.filter(content=entity, components=component, is_static=False).to_chunks()
     batches = [chunk.to_record_batch() for chunk in chunks]
@@ -19,23 +19,23 @@ def rows(path: Path, entity: str, component: str) -> tuple[np.ndarray, list[Any]
 
 
 def scalars(path: Path, entity: str) -> tuple[np.ndarray, np.ndarray]:
-    """Times [ns] and values (T, k) of an entity's lines."""
+    """Return times [ns] and values (T, k) of an entity's lines."""
     times, values = rows(path, entity, "Scalars:scalars")
     return times, np.array(values)
 
 
 def static(path: Path, entity: str, component: str) -> list[Any]:
-    """A component that has no time."""
+    """Return a component without time."""
     stream = RrdReader(path).stream()
     chunks = stream.filter(content=entity, components=component, is_static=True).to_chunks()
     return chunks[0].to_record_batch().column(component).to_pylist()[0]
 
 
 def notes(path: Path) -> str:
-    """What the recording says of itself."""
+    """Return the text of the recording's notes."""
     return static(path, "/notes", "TextDocument:text")[0]
 
 
 def entities(path: Path) -> set[str]:
-    """Where something is logged."""
+    """Return the paths of all entities with data."""
     return set(RrdReader(path).store().schema().entity_paths(include_properties=False))

@@ -91,7 +91,7 @@ def test_equal_coordinates_are_selected_in_order(seed, N):
 
 def test_no_array_method_bypasses_the_rule_for_ties():
     """Search for array methods such as argmax: ruff bans the numpy functions only."""
-    rooms = ("argument_checks", "prioritized", "sim", "ftc", "fjh", "experiments")
-    files = [file for room in rooms for file in (ROOT / room).rglob("*.py")]
+    folders = ("argument_checks", "prioritized", "sim", "ftc", "fjh", "experiments")
+    files = [file for folder in folders for file in (ROOT / folder).rglob("*.py")]
     method = re.compile(r"(?<!\bnp)\.(argmax|argmin|argsort|argpartition)\(")
     assert [str(file) for file in files if method.search(file.read_text())] == []

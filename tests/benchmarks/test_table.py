@@ -12,7 +12,7 @@ STABLE = table.RATIOS[table.RATIOS["stable"]]
 
 
 @pytest.mark.parametrize("factor", [1.001, np.nan])
-def test_only_a_candidate_with_another_solution_is_named(factor):
+def test_only_a_candidate_with_another_solution_is_reported(factor):
     check_agreement(SOLUTIONS, 1e-9)
     altered = SOLUTIONS | {"mink": SOLUTIONS["mink"] * [1.0, factor]}
     with pytest.raises(ValueError, match=r"more than 1e-09: mink by \S+$"):

@@ -12,7 +12,7 @@ import pytest
 from tests.conftest import fjh, folder_of
 from tests.experiments.results import Results
 
-HERE = ("--workers", "2")
+TWO_WORKERS = ("--workers", "2")
 SHORT_SWEEP = Path(__file__).with_name("short_sweep.toml")
 FAILING = ("--path", "spiral", "--duration", "4", "--fail", "strut1:locked@2")
 
@@ -22,7 +22,7 @@ figures_folder = folder_of("figures")
 uncorrected_folder = folder_of("uncorrected", "--quick")
 limits_folder = folder_of("limits", "--quick")
 force_folder = folder_of("force", "--quick")
-sweep_folder = folder_of("sweep", "--design", str(SHORT_SWEEP), *HERE)
+sweep_folder = folder_of("sweep", "--design", str(SHORT_SWEEP), *TWO_WORKERS)
 
 
 @pytest.fixture(scope="module")
@@ -33,17 +33,17 @@ def study(request) -> Results:
 
 
 @pytest.fixture(scope="session")
-def smaller(made_once):
+def smaller(created_once):
     """Function that makes a study smaller than its --quick, by other values in its modules."""
 
-    def made(name: str, values: dict[str, Any], *words: str) -> Path:
+    def made(name: str, values: dict[str, Any], *arguments: str) -> Path:
         def make(folder: Path) -> int:
             with pytest.MonkeyPatch.context() as patch:
                 for place, value in values.items():
                     patch.setattr(f"experiments.{place}", value)
-                return fjh(name, "--quick", *words)(folder)
+                return fjh(name, "--quick", *arguments)(folder)
 
-        return made_once(f"smaller_{name}", make)
+        return created_once(f"smaller_{name}", make)
 
     return made
 
@@ -65,7 +65,7 @@ def smaller_values(name: str) -> dict[str, Any]:
         from fjh.rig.hexapod.rig import nominal_testbed
 
         testbed = nominal_testbed(second_of_the_spiral())
-        ratios = (RATIOS[0], *RATIOS[1:3], RATIOS[-1])  # of which --quick takes every third
+        ratios = (RATIOS[0], *RATIOS[1:3], RATIOS[-1])  # --quick uses every third
         return {"release.nominal_testbed": lambda: testbed, "release.RATIOS": ratios}
     if name == "goals":  # the singularity of the arm
         from experiments.goals import GOALS
@@ -91,12 +91,12 @@ def smaller_values(name: str) -> dict[str, Any]:
         return {"limits.strategies": lambda *, quick, loop: how if loop else [how[0], *how[2:]]}
     if name == "uncorrected":
         return {"uncorrected.QUICK": ("lost_strut",), "uncorrected.ROLL_OFF_HZ": (25.0,)}
-    return {}  # of jacobian --quick, without its loop
+    return {}  # jacobian uses --quick, without its loop
 
 
 @pytest.fixture(scope="session")
 def smaller_study(smaller) -> Callable[[str], Path]:
-    """Function from the name of a study `AT_NIGHT` to the folder of its short version."""
+    """Function from the name of a study `NIGHT_STUDIES` to the folder of its short version."""
     return lambda name: smaller(name, smaller_values(name))
 
 
@@ -107,7 +107,7 @@ CONDITIONS = ("SSSSSS", "FSSSSS", "SSLSSS", "SLLSLL", "SFFSLF", "LLLLLL")
 @pytest.fixture(scope="session")
 def atlas_folder(smaller):
     """Folder of the atlas with a few failure conditions."""
-    return smaller("atlas", {"sweep.representatives": lambda: [*CONDITIONS]}, *HERE)
+    return smaller("atlas", {"sweep.representatives": lambda: [*CONDITIONS]}, *TWO_WORKERS)
 
 
 @pytest.fixture(scope="session")

@@ -18,17 +18,14 @@ class Results:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """Contents of the JSON."""
         return json.loads((self.folder / f"{self.name}.json").read_text())
 
     @cached_property
     def rows(self) -> pd.DataFrame:
-        """Dataset of a study of many runs."""
         return pd.read_parquet(self.folder / self.summary["dataset"])
 
     @cached_property
     def tables(self) -> dict[str, pd.DataFrame]:
-        """Tables of the JSON, by name."""
         return {
             key: pd.DataFrame(entries).replace({None: nan})
             for key, entries in self.summary.items()

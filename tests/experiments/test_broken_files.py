@@ -18,7 +18,7 @@ from tests.broken_files import (
     TABLES,
     Spoil,
 )
-from tests.made import keep_made
+from tests.synthetic import write_synthetic_run
 
 PUBLISHED = Path(__file__).parents[2] / "docs" / "data" / "table1.json"
 # A reader: its file, the arguments of the command, and unusable kinds of files.
@@ -54,7 +54,7 @@ READERS: dict[str, tuple[str, str, dict[str, Spoil]]] = {
 def valid(tmp_path_factory) -> Path:
     """Folder with a valid file for each reader."""
     folder = tmp_path_factory.mktemp("healthy")
-    keep_made(folder)
+    write_synthetic_run(folder)
     np.savez(folder / "it.npz", time_s=np.arange(3.0), desired=np.zeros((3, 2)))
     return folder
 
@@ -63,7 +63,7 @@ def valid(tmp_path_factory) -> Path:
     ("reader", "kind"),
     [(reader, kind) for reader, (_, _, kinds) in READERS.items() for kind in kinds],
 )
-def test_an_unusable_file_is_named_in_one_sentence(
+def test_an_unusable_file_is_reported_in_one_sentence(
     refused, valid, tmp_path, monkeypatch, reader, kind
 ):
     name, command_line, kinds = READERS[reader]

@@ -17,7 +17,7 @@ from experiments.app.cli import app_of, main
 from experiments.studies import LINES, PAPER, ROBOT, command_of, study
 from fjh.study.option import command_arguments
 from sim import HEXAPOD_MJCF, MODELS
-from tests.made import keep_made
+from tests.synthetic import write_synthetic_run
 
 ROOT = Path(__file__).parents[2]
 LISTED = [*ROBOT, "live", "review", "render", "animate", "results", "paper"]
@@ -36,7 +36,7 @@ def commands() -> dict[str, Any]:
 def filled_folder(tmp_path_factory) -> Path:
     """Folder with a run, an existing file, a dangling link and an empty folder."""
     folder = tmp_path_factory.mktemp("kept")
-    keep_made(folder)
+    write_synthetic_run(folder)
     (folder / "taken").write_text("mine")
     (folder / "dangling").symlink_to("nowhere")
     (folder / "empty").mkdir()

@@ -12,7 +12,7 @@ import typer
 from experiments.app.command import command
 from fjh.study.errors import Unsound
 from fjh.study.result import Check, Result, TableView
-from tests.made import made_study
+from tests.synthetic import synthetic_study
 
 HEIGHTS = pd.DataFrame({"hill": ["Hohe <Acht> [km]"], "m": [747.0]})
 PASSING = Result(
@@ -39,7 +39,7 @@ def run(result: Result, *words: str) -> None:
         return result
 
     study_app = typer.Typer()
-    study_app.command()(command(made_study("measure", make)))
+    study_app.command()(command(synthetic_study("measure", make)))
     study_app(list(words), standalone_mode=False)
 
 

@@ -8,25 +8,24 @@ import pytest
 import argument_checks as check
 from experiments.app import cli
 from experiments.app.exit_codes import TRACEBACK
-from tests.made import made_study
+from tests.synthetic import synthetic_study
 
 
 @pytest.fixture
 def measure(tmp_path, monkeypatch):
     """Function from a computation to the arguments of a study's command, which writes nothing."""
 
-    def words_of(perform: Callable[..., Any]) -> list[str]:
-        study = made_study("measure", lambda **_: perform())
+    def arguments_of(perform: Callable[..., Any]) -> list[str]:
+        study = synthetic_study("measure", lambda **_: perform())
         monkeypatch.setattr(cli, "PAPER", {"measure": ""})
         monkeypatch.setattr(cli, "study", lambda _: study)
         return ["measure", "--out", str(tmp_path / "out")]
 
-    yield words_of
+    yield arguments_of
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_argument_error_of_the_library_is_a_sentence(refused, measure):
-    """The message of an argument check is printed."""
     message = refused(*measure(lambda: check.array("joint_weight", [1e200])))
     assert message.startswith("fjh: joint_weight must be smaller than")
 

@@ -55,7 +55,7 @@ def test_strut_forces_balance_the_external_wrench_with_and_without_coils(lines):
     by_coils = force.simulate_load(rig(), (), np.linalg.solve(lines.T, wrench.T).T, wrench).strut_n[
         :, -1
     ]
-    # Against springs the payload moves, and the flexures take their share of 0.2 %.
+    # The payload moves against springs, and the flexures bear 0.2 %.
     np.testing.assert_allclose(by_springs @ lines, wrench, rtol=5e-3)
     np.testing.assert_allclose(by_coils @ lines, wrench, rtol=1e-4)
 
@@ -70,11 +70,11 @@ def test_simulated_forces_equal_those_of_the_mapping(tables):
     assert theorems[theorems.kind != "locked"].pressed_major_off_percent.max() < 0.005
     loads = tables["prescribed"].set_index("condition").loc[["healthy", "strut 1 locked"]]
     missing = loads[["lacking_force_n", "lacking_major_n_m"]]
-    np.testing.assert_allclose(missing, 0, atol=1e-12)  # then it exerts a whole wrench
+    np.testing.assert_allclose(missing, 0, atol=1e-12)  # all components of its wrench act
 
 
 def test_a_locked_strut_bears_the_force_along_it_which_no_torque_affects(data, lines):
-    """Under load its reaction is J_1^T f; on the fixture, both share the coils' wrench."""
+    """The reaction under load is J_1^T f; on the fixture, both share the coils' wrench."""
     system, unseen = force.failed_system(force.Condition("locked")), None
     for theorem in (7, 8, 9):
         part = f"strut_1_locked_theorem_{theorem}"
@@ -93,7 +93,7 @@ def test_a_locked_strut_bears_the_force_along_it_which_no_torque_affects(data, l
 
 
 def test_a_free_strut_bears_no_force_and_the_missing_force_moves_the_payload(tables, data, lines):
-    """By eq. (9); the secondary deficit translates the payload; the elastic mapping rotates it."""
+    """The secondary deficit of eq. (9) translates the payload; the elastic mapping rotates it."""
     for theorem in (7, 8, 9):
         part = f"strut_1_free_theorem_{theorem}"
         along = data[f"{part}_wrench"] @ np.linalg.inv(lines)[:, 0]
@@ -111,7 +111,7 @@ def test_a_free_strut_bears_no_force_and_the_missing_force_moves_the_payload(tab
         np.testing.assert_allclose(simulated, data[f"{part}_predicted"], atol=0.5e-6)
 
 
-def test_without_eq_9_a_free_strut_presses_with_another_major_force(data):
+def test_without_eq_9_a_free_strut_changes_the_major_force(data):
     """Theorem 8 as printed is applied to a mechanism with self-motion, which section 3 excludes."""
     condition, targets = force.Condition("free", 0), data["asked_wrench"][:, MAJOR]
     kin = force.failed_system(condition).kinematics()
@@ -123,7 +123,7 @@ def test_without_eq_9_a_free_strut_presses_with_another_major_force(data):
 
 
 def test_the_platform_uses_internal_force_and_exerts_the_same_wrench(tables, data):
-    """Other internal forces, and none, have a larger cost."""
+    """The cost grows with other internal forces, and without one."""
     kin = force.healthy_system(force.PLATFORM_MJCF, force.PLATFORM_TASK).kinematics()
     C = kin.active_constraint[0]
     weights = dict(enumerate(np.ones((4, 4)) + (force.HOT - 1) * np.eye(4)))

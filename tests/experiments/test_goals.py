@@ -32,9 +32,6 @@ def slope(function, at: np.ndarray, step: float) -> np.ndarray:
     return np.array([(function(at + e) - function(at - e)) / (2 * step) for e in steps])
 
 
-# The coils.
-
-
 @given(seeds)
 def test_a_step_of_the_coils_solves_their_heat_balance(seed):
     """The reference is a general integrator of C dT/dt = R(T) I^2 - (T - T_ambient) / R_th."""
@@ -49,8 +46,8 @@ def test_a_step_of_the_coils_solves_their_heat_balance(seed):
     np.testing.assert_allclose(physics.COILS.step(start, current, 3.0), exact, rtol=1e-7)
     # At rest T = T_a + R_a I^2 / (1/R_th - kappa R_20 I^2): the closed form of the balance.
     lost = 1 / physics.COILS.thermal_resistance_k_per_w - COPPER_PER_K * 5.0 * current**2
-    rest = physics.COILS.step(physics.COILS.cold(), current, 1e4)
-    np.testing.assert_allclose(rest, 20 + 5.0 * current**2 / lost, rtol=1e-12)
+    steady = physics.COILS.step(physics.COILS.cold(), current, 1e4)
+    np.testing.assert_allclose(steady, 20 + 5.0 * current**2 / lost, rtol=1e-12)
 
 
 def test_at_its_critical_current_a_copper_coil_heats_at_a_constant_rate():
@@ -59,9 +56,6 @@ def test_at_its_critical_current_a_copper_coil_heats_at_a_constant_rate():
     at = np.array([1 / np.sqrt(COPPER_PER_K * 5.0 * 1.5)])
     rise = coil.step(coil.cold(), at, 8.0) - 20
     np.testing.assert_allclose(rise, 8.0 * coil.net_power_w(coil.cold(), at) / 4.0, rtol=1e-9)
-
-
-# Gradients against finite differences, clearance against its closed form.
 
 
 @given(seeds)
@@ -90,10 +84,10 @@ def random_pose(seed: int) -> Pose:
 def test_the_clearance_is_that_of_a_sphere_and_a_cylinder(seed):
     """The distance from the centre to the lateral surface, less the radius, is in base axes."""
     pose = random_pose(seed)
-    # World is diag(1, -1, -1) of base; the cell hangs 0.1445 m below the payload's origin.
+    # World axes are diag(1, -1, -1) of base; the cell is 0.1445 m below the payload's origin.
     centre = np.array([0.0, -(0.065 + physics.GAP_M + physics.RADIUS_M), 0.144482272])
     seen = pose.rotation.T @ (centre - pose.translation_m)
-    assert abs(seen[2] - 0.144482272) < 0.015  # beside the mantle, not the rim
+    assert abs(seen[2] - 0.144482272) < 0.015  # at the lateral surface
     distance, away = clearance()(pose)
     assert distance == pytest.approx(
         np.hypot(seen[0], seen[1]) - 0.065 - physics.RADIUS_M, abs=1e-9
@@ -138,16 +132,13 @@ def test_a_reading_of_the_detector_is_corrected_for_roll(seed):
     detector = replace(TestbedConfig().detector(), noise_m=0.0)
     read = Measurement(detector.read(pose.rotation, rng), np.zeros(6))
     pointing = pointing_angles(pose.rotation)
-    # Up to the detector's small-angle optics, the cube of 4 mrad.
+    # The detector's small-angle optics have an error of (4 mrad)^3.
     np.testing.assert_allclose(physics.without_roll(read, pose).output, pointing, atol=5e-8)
-
-
-# Exactness of the mapping, compared with the pseudo-inverse.
 
 
 @given(seeds)
 def test_a_weighted_pseudo_inverse_is_least_squares_exact_in_the_limit(seed):
-    """Its error decreases with the square of the weight; the mapping has none."""
+    """The pseudo-inverse's error falls with the square of the weight; the mapping has none."""
     rng = np.random.default_rng(seed)
     J, W1, W2, w = rng.normal(size=(6, 5)), rng.uniform(1, 3, 5), rng.uniform(1, 3, 4), 7.0
     v_m, rates_d, v_sd = rng.normal(size=2), rng.normal(size=5), rng.normal(size=4)
@@ -168,12 +159,9 @@ def test_a_weighted_pseudo_inverse_is_least_squares_exact_in_the_limit(seed):
     np.testing.assert_allclose(rates(1e5), exact, atol=1e-7)
 
 
-# The arm: tracker and servos.
-
-
 @given(seeds)
 def test_the_tracker_reads_the_rotation_of_the_camera_in_its_own_axes(seed):
-    """For a rotation vector w across the line of sight the reading is -sin|w| w/|w|."""
+    """The reading is -sin|w| w/|w| for a rotation vector w across the line of sight."""
     rng = np.random.default_rng(seed)
     to_target, camera = np.append(rng.uniform(-0.5, 0.5, 2), 0.0), Rotation.random(rng=rng)
     view = (camera * Rotation.from_rotvec(to_target)).apply([0.0, 0.0, 1.0])
@@ -196,30 +184,27 @@ def test_servos_with_lead_have_no_lag():
     np.testing.assert_allclose(ahead_s, 0.5 * (physics.PERIOD_S + model.opt.timestep), rtol=0.01)
 
 
-# The runs.
-
-
 def test_pursued_goals_keep_their_limits_and_others_change_the_pointing(study):
-    """With the goal the pointing changes less than half as much as by another seed."""
+    """The goal changes the pointing less than half as much as another seed does."""
     frames = study.tables
     worst = frames["runs"].pivot(index="goal", columns="name", values="worst")
     assert worst.pursued["reliability"] < physics.LIMIT_C - 10
     assert worst.pursued["stroke"] > 30
     assert worst.pursued["obstacle"] > 30
     assert worst.pursued["singularity"] < 3
-    angles = frames["angles"].groupby(["goal", "name"])  # of each the larger one
+    angles = frames["angles"].groupby(["goal", "name"])  # the larger one of each
     changed = angles.difference_rms_urad.max().unstack("name")
     noise = frames["another_seed"].set_index("goal").difference_rms_urad
     assert (changed.pursued / noise < 0.5).all()
     rms_urad = angles.rms_urad.max().unstack("name")
     ratio = rms_urad.nothing / rms_urad.unlimited
     assert (ratio[["stroke", "obstacle", "singularity"]] > 2).all()
-    # The collision is real: the sphere holds the payload where it would have passed through.
+    # The sphere stops the payload, which would have passed through it.
     assert -1.0 < worst.nothing["obstacle"] < 1.0
     assert worst.unlimited["obstacle"] < -100.0
-    # The shoulder is what kept the arm from its singularity.
+    # The shoulder keeps the arm away from its singularity.
     assert worst.unlimited["singularity"] < 2.0
-    # A weight of the pseudo-inverse that serves one goal well spoils another task.
+    # A weight of the pseudo-inverse that is good for one goal spoils another task.
     changes = changed.pseudo_inverse_10 / changed.pursued
     assert changes["obstacle"] < 1.5
     assert changes["singularity"] > 100

@@ -60,10 +60,10 @@ def test_every_estimate_bounds_its_taylor_coefficient_on_every_ray(seed):
     largest = max(float(size(D[:, None] * J, "two")) for J in inverses)
     bounds = certificate.coefficient_bounds(geometry, stroke_m, length_m, largest)
     for pose in poses:
-        there = Hexapod(  # with this pose as nominal one
+        there = Hexapod(  # with this nominal pose
             geometry.bottom_m - pose.translation_m, geometry.top_m @ pose.rotation.T
         )
-        # The struts of this hexapod have their lengths at the pose.
+        # This hexapod has the lengths of the pose.
         series = jacobian_series(there, stroke_m * corner, ORDER + 1)
         sizes = {
             "arm": [np.linalg.norm(p, axis=-1).max() for p in series.arm],
@@ -99,7 +99,7 @@ def test_the_certificate_is_tight_converges_to_the_value_and_survives_rounding(n
     value = varied(norm).value * size(nominal(), norm)
     proof = certify(machine(), STROKE_M, norm)
     assert value <= proof.upper_bound < 1.01 * value
-    assert proof.terms[0] < value  # the linear part is not yet a bound
+    assert proof.terms[0] < value  # the linear part alone is no bound
     assert proof.remainder < 0.01 * value
     excess = []
     for stroke_m in (6e-4, 6e-5, 6e-6):
@@ -187,7 +187,7 @@ def angles_by_axis(sequence: str):
     return angles_and_origin
 
 
-def test_readings_are_derivatives_of_the_named_quantities():
+def test_readings_are_derivatives_of_the_stated_quantities():
     """Euler rates are derivatives of angles, the twist of a point that of its position."""
     J = np.linalg.inv(machine().inverse_jacobian(ASIDE))
     for order, sequence in (("Rz Ry Rx", "ZYX"), ("Rx Ry Rz", "XYZ")):
@@ -210,7 +210,7 @@ def test_readings_are_derivatives_of_the_named_quantities():
 
 def test_the_json_states_eq_39_and_the_proof_of_eq_40(study):
     J_0 = study.summary["J0"]
-    # Half a unit of the last digit, and 0.00055 for 1.004: the geometry gives 1.00455.
+    # Half a unit of the last digit; 0.00055 for 1.004, as the geometry gives 1.00455.
     np.testing.assert_allclose(J_0, paper.JACOBIAN, atol=6e-4)
     np.testing.assert_allclose(J_0, nominal(), rtol=1e-14)
     assert study.summary["condition_number"] == pytest.approx(paper.CONDITION_NUMBER, abs=5e-3)
@@ -224,7 +224,7 @@ def test_the_json_states_eq_39_and_the_proof_of_eq_40(study):
 
 
 def test_the_papers_pair_is_the_largest_entry_over_both_norms(study):
-    """With one numerator their ratio, 1.5, is that of the norms of J_0, 1.54."""
+    """The ratio of the two for one numerator, 1.5, is that of the norms of J_0, 1.54."""
     readings = study.tables["tried"].set_index("reading")
     assert len(readings) == 25
     (papers_reading,) = readings.index[readings.is_the_papers]

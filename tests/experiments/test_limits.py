@@ -35,7 +35,7 @@ def test_the_outline_bounds_the_pointing_of_bounded_least_squares():
 
 @pytest.mark.parametrize("name", ["strict", "scaled", "clipping", "redistributed", "weighted"])
 def test_every_strategy_equals_the_mapping_without_active_limits(name):
-    """With narrow limits the rates are within them; weighted problems are inexact."""
+    """Rates keep narrow limits; weighted problems are inexact."""
     rng = np.random.default_rng(1)
     system = ConstrainedSystem(rng.normal(size=(4, 6)), None, np.arange(6))
     kinematics, v = system.with_failures(locked=[2]).kinematics(), np.array([0.3, -0.2])

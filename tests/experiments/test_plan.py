@@ -43,7 +43,7 @@ def test_the_failures_are_the_published_ones():
         np.testing.assert_array_equal(case.path(exact_rig()), spiral)
     for _, mismatch, factor, count in plan.WHOLE:
         assert count > 0
-        sizes_of(exact_rig(), mismatch).scaled(factor)  # which refuses all others
+        sizes_of(exact_rig(), mismatch).scaled(factor)  # which rejects all others
     failing = {mismatch for sort, mismatch, _, _ in plan.WHOLE if sort == "failure"}
     assert failing == {"exact", "all", *ALONE}
 
@@ -58,11 +58,11 @@ def test_more_hours_append_cases():
 def test_a_failure_is_the_same_with_any_plant_and_all_kinds_are_sampled():
     """Errors with different mismatches can then be compared."""
     cases = [case for case in full(7) if case.sort in ("failure", "size")]
-    by_draw: dict[int, set[Case]] = {}
+    by_index: dict[int, set[Case]] = {}
     same_values = {"number": 0, "sort": "size", "mismatch": "exact", "factor": 1.0, "compared": ()}
     for case in cases:
-        by_draw.setdefault(case.draw, set()).add(replace(case, **same_values))
-    assert {len(same) for same in by_draw.values()} == {1}
+        by_index.setdefault(case.draw, set()).add(replace(case, **same_values))
+    assert {len(same) for same in by_index.values()} == {1}
     assert len({(case.failures[0].actuator, case.failures[0].kind) for case in cases[:18]}) == 18
     for case in cases[:18]:
         after_s = case.onset_s - case.begin_s

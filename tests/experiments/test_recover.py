@@ -39,7 +39,7 @@ def test_failures_are_detected_isolated_and_compensated(study):
     assert (mixed.rms_supervised_after < 0.95 * mixed.rms_unaware_after).all()
     assert (mixed.alarm_s.gt(0) & mixed.alarm_s.le(mixed.named_s)).all()
     cost = tables["dither_cost"]
-    assert cost.change.abs().max() < 0.5 * cost.reseeded.abs().max()  # less than another seed
+    assert cost.change.abs().max() < 0.5 * cost.reseeded.abs().max()  # less than by another seed
 
 
 def test_a_loop_with_six_times_the_gain_is_unstable_with_a_diagnosis():
@@ -80,9 +80,6 @@ def test_a_published_run_can_be_repeated():
     assert len(run.time_s) and {"stored", "flown", "same"} == set(comparison)
     with pytest.raises(WrongInput, match="no dataset with a case 99999"):
         repeat_run(published, 99999)
-
-
-# Statistics.
 
 
 def frame(**columns: list[Any]) -> pd.DataFrame:
@@ -128,7 +125,7 @@ def test_the_groups_count_the_rows():
     assert [mixed["runs"], mixed["ended"], locked["ended"]] == [3, 1, 1]
     assert [free["right_count"], free["right_cases"], locked["right_cases"]] == [1, 2, 0]
     assert free["isolable_right_count"] == free["kinds_alike"] == free["kind_right_cases"] == 1
-    assert free["named_median_s"] == 0.1  # of the right one
+    assert free["named_median_s"] == 0.1  # of the correct diagnosis
     assert free["rms_supervised_after"] == pytest.approx(sqrt(12.5))
     assert free["peak_supervised_after"] == 7.0 and math.isnan(free["rms_unaware_after"])
     over = [free[f"over_informed_after_{key}"] for key in ("runs", "pooled", "median", "worst")]
@@ -141,8 +138,8 @@ def test_the_groups_count_the_rows():
     [
         ((5.0, 5.0), 0, 1.0),
         ((6.0, 5.0), 1, 1.2),
-        ((0.6, 0.5), 0, 1.0),  # 1.2 times, but within the noise
-        ((100.0, 100.0, 7.0), 1, 7.0),  # which a large transient would hide
+        ((0.6, 0.5), 0, 1.0),  # 1.2 times, within the noise
+        ((100.0, 100.0, 7.0), 1, 7.0),
         ((2.5, 5.0), 0, 1.0),
     ],
 )

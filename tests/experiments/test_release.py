@@ -46,7 +46,7 @@ def test_a_loose_strut_is_estimated_at_its_elastic_equilibrium(model):
 
 @pytest.mark.parametrize("kind", ["free", "loose"])
 def test_the_static_gain_of_the_linear_model_is_that_of_the_springs(model, kind):
-    """It is Z (Z^T K Z)^-1 Z^T B u; soft constraints would make a loose strut 13 % too stiff."""
+    """The gain is Z (Z^T K Z)^-1 Z^T B u; with soft constraints a loose strut is 13 % too stiff."""
     orbit = weightless(model)
     plant = Plant(orbit)
     Failure(0, kind).inject(plant)
@@ -59,7 +59,7 @@ def test_the_static_gain_of_the_linear_model_is_that_of_the_springs(model, kind)
     Z = scipy.linalg.null_space(jac.J_C)
     by_springs = jac.J_T @ Z @ np.linalg.solve(Z.T @ (K[:, None] * Z), Z.T @ force)
     by_model = -linear.C_twist @ np.linalg.solve(linear.A, linear.B @ command)
-    # The linearization's own finite differences are good to 1e-7.
+    # Finite differences of the linearization are accurate to 1e-7.
     np.testing.assert_allclose(by_model, by_springs, rtol=1e-6)
 
 
@@ -77,7 +77,7 @@ def test_a_free_strut_with_spring_has_the_errors_of_a_locked_one(spirals, table1
 
 
 def test_without_spring_the_loop_needs_the_mapping_for_its_bandwidth(spirals):
-    """At crossover the damper fixes a loose strut: static mapping nearly destabilizes the loop."""
+    """The damper fixes a loose strut at crossover; the static mapping is nearly unstable."""
     healthy, corrected = spirals["healthy"], spirals["loose_in_flight_corrected"]
     as_locked = spirals["loose_in_flight_as_locked"]
     assert healthy["sensitivity_peak"] < 2.0
@@ -95,14 +95,13 @@ def test_without_spring_the_loop_needs_the_mapping_for_its_bandwidth(spirals):
 def test_motion_equals_the_linear_model_and_is_not_quasi_static(spirals):
     failing = pd.DataFrame(spirals.values()).dropna(subset="kind")
     assert (failing.motion_mismatch_linear_model_percent < 0.1).all()
-    # With the spring, modes of 31 Hz follow a spiral of 0.5 Hz; without, a time constant of half a
-    # second does not.
+    # Modes of 31 Hz (with spring) follow a spiral of 0.5 Hz; a time constant of 0.5 s does not.
     quasi_static = failing.groupby("kind").motion_mismatch_quasi_static_percent
     assert quasi_static.max()["free"] < 4.0
     assert quasi_static.min()["loose"] > 30.0
 
 
-def test_at_rest_only_the_elastic_mapping_is_right_at_all_stiffnesses(study):
+def test_only_the_elastic_mapping_is_correct_at_all_stiffnesses(study):
     sweep = study.tables["sweep"]
     assert list(sweep.suspension_over_swing) == list(RATIOS)
     # Coils are forces against springs, compliant by 0.25 %, which only the linear model has.

@@ -19,7 +19,7 @@ from fjh.study import provenance
 from fjh.study.errors import Interrupted, Unsound
 from fjh.study.plotting import new_figure
 from fjh.study.result import Check, Picture, Result, TableView
-from tests.made import made_study
+from tests.synthetic import synthetic_study
 
 HEIGHTS = TableView(
     "Of <it>", pd.DataFrame({"x": ["a < b"], "y_um": [7.25]}), "x y_um:.2f", "& why."
@@ -57,7 +57,7 @@ def report(tmp_path, monkeypatch, capsys):
     def run(*options: str, **made: Callable[..., Result]) -> tuple[int, dict, str]:
         monkeypatch.setattr(report_module, "STUDIES", {name: {} for name in made})
         monkeypatch.setattr(report_module, "LINES", {name: f"About {name}." for name in made})
-        monkeypatch.setattr(report_module, "study", lambda name: made_study(name, made[name]))
+        monkeypatch.setattr(report_module, "study", lambda name: synthetic_study(name, made[name]))
         code = main(["paper", "report", "--out", str(out), *options])
         index = out / "report.json"
         summary = json.loads(index.read_text()) if index.exists() else {}

@@ -44,7 +44,7 @@ def test_a_lock_is_not_confused_with_the_opposite_strut_or_the_floor(seed, index
 
 @pytest.mark.long
 def test_any_change_of_commands_by_an_alarm_is_reported(monkeypatch):
-    """Without alarm the supervised controller sends the commands of that without diagnosis."""
+    """The supervised controller without an alarm sends the commands of one without diagnosis."""
     [case] = plan.hexapod_failures([], 1, 0.1, 0)
     run = rows.simulate_supervised(case.rig(), case)
     assert run.state.monitor_state.alarm_ticks == ()

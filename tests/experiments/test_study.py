@@ -33,16 +33,13 @@ ROOT = Path(__file__).parents[2]
 @pytest.fixture(autouse=True)
 def _all_end():
     """Check that no process is left."""
-    before = active_children()  # of a cluster that other tests share
+    before = active_children()  # the cluster is shared by other tests
     yield
     assert set(active_children()) <= set(before)
 
 
 def no_progress(_done: int, _total: int) -> None:
     """Ignore progress."""
-
-
-# Work in parallel.
 
 
 @pytest.mark.long
@@ -79,8 +76,6 @@ def test_processes_end_with_their_block_and_take_calls_when_idle():
         pool.submit(work.wait_for_a_signal)
     assert len(taken) < 20
 
-
-# Rows.
 
 BASIS = basis_of(seed=0)
 
@@ -218,8 +213,6 @@ def test_a_full_disk_is_one_sentence_and_complete_rows_are_saved(tmp_path, whole
     assert_same(table(tmp_path), whole)
 
 
-# The folder.
-
 WAITING = """
 import sys
 from pathlib import Path
@@ -238,14 +231,11 @@ def test_a_folder_is_locked_until_its_study_is_killed(tmp_path):
         with pytest.raises(WrongInput, match="is in use by another study"), alone_in(folder):
             pass
         first.kill()
-    (folder / f"{STAGING}x").mkdir()  # what it had begun to write
+    (folder / f"{STAGING}x").mkdir()  # the incomplete file
     assert (folder / LOCK).exists()
     with alone_in(folder):
         pass
     assert list(folder.iterdir()) == []
-
-
-# A cluster.
 
 
 @pytest.mark.long
@@ -301,7 +291,7 @@ if __name__ == "__main__":
 
 @pytest.mark.long
 @pytest.mark.skipif(not shutil.which("openssl"), reason="certificates are made by openssl")
-def test_a_cluster_over_tls_with_a_certificate_made_as_documented(tmp_path):
+def test_a_cluster_runs_over_tls_with_the_documented_certificate(tmp_path):
     page = (ROOT / "docs" / "install.md").read_text()
     [made] = [block.split("```")[0] for block in page.split("```sh\n") if "openssl" in block[:9]]
     (tmp_path / "tls.py").write_text(TLS)

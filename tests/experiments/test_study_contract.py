@@ -13,7 +13,7 @@ from PIL import Image
 from experiments.studies import LINES, study
 from experiments.sweep import compare_with_model
 from fjh.study.result import records_of
-from tests.conftest import AT_NIGHT
+from tests.conftest import NIGHT_STUDIES
 from tests.experiments.results import Results
 
 pytestmark = pytest.mark.long
@@ -21,14 +21,15 @@ pytestmark = pytest.mark.long
 
 @pytest.fixture
 def results(request, name) -> Results:
-    """Results of the study of this name, of its short version except at night."""
-    if name in AT_NIGHT and not request.node.get_closest_marker("night"):
+    """Results of the study of this name, of its short version except in night runs."""
+    if name in NIGHT_STUDIES and not request.node.get_closest_marker("night"):
         return Results(request.getfixturevalue("smaller_study")(name), name)
     return Results(request.getfixturevalue(f"{name}_folder"), name)
 
 
 WHOLE = [
-    pytest.param(name, marks=pytest.mark.night, id=f"{name} in full") for name in sorted(AT_NIGHT)
+    pytest.param(name, marks=pytest.mark.night, id=f"{name} in full")
+    for name in sorted(NIGHT_STUDIES)
 ]
 
 

@@ -30,8 +30,6 @@ from sim import NOMINAL, Failure, SimulationDiverged
 from tests.experiments.conftest import CONDITIONS, SHORT_SWEEP
 from tests.experiments.results import Results
 
-# The design.
-
 UNEVEN = designs.Design(
     "latin-hypercube",
     17,
@@ -55,7 +53,7 @@ def test_a_hypercube_has_one_run_in_each_slice_of_each_range():
     ):
         assert np.histogram(rows[name], edges)[0].tolist() == [1] * 17, name
     assert abs(2 * rows.known.sum() - 17) == 1
-    # A pure function of design, seed and number, and small.
+    # Runs depend on design, seed and number alone, and are small.
     assert runs == designs.runs_of(UNEVEN, 3) and len({run.seed for run in runs}) == 17
     assert not set(runs) & set(designs.runs_of(UNEVEN, 4))
     assert len(pickle.dumps(runs[0])) < 1000
@@ -76,7 +74,7 @@ def test_a_grid_is_the_full_product_with_the_last_factor_fastest():
 
 
 def test_the_design_of_the_demand_limit_has_the_configuration_of_the_table():
-    """It occurs for healthy and locked, corrected and not."""
+    """The configuration occurs for healthy and locked, corrected and not."""
     design = designs.read_design(designs.DEFAULT.with_name("sweep_demand_limit.toml"))
     benches = [run.bench for run in designs.runs_of(design, seed=3)]
     assert len(benches) == design.runs and benches.count(CONFIGURATIONS["demand-limit"]) == 4
@@ -118,9 +116,6 @@ def test_an_invalid_design_is_rejected(tmp_path, text, message):
     file.write_text(text if text.startswith("layout") else f"layout = 'grid'\n{text}")
     with pytest.raises(WrongInput, match=f"^--design {file}: .*{message}"):
         designs.read_design(file)
-
-
-# A row.
 
 
 @pytest.mark.long
@@ -194,9 +189,6 @@ def test_a_diverging_run_is_a_row(monkeypatch):
     assert "non-finite at t = 0.0300 s" in row["message"]
 
 
-# The sweep.
-
-
 @pytest.fixture(scope="module")
 def rows(study):
     """Runs compared with the linear model."""
@@ -232,7 +224,7 @@ def test_the_tables_are_those_of_the_rows(study, rows):
 
 
 def test_a_resumed_sweep_has_the_same_bytes(sweep_folder, scheduler, tmp_path, capsys):
-    """It is continued on a Dask cluster."""
+    """The sweep is resumed on a Dask cluster."""
 
     def interrupt(done: int, total: int) -> None:
         if done == 9:
@@ -259,9 +251,6 @@ def test_unpredicted_or_saturated_runs_are_not_compared(rows, column):
     )
     assert not none.compared.any() and sweeps.prediction(none).compared[0] == 0
     assert sweeps.checks(none) == []
-
-
-# The atlas.
 
 
 @pytest.fixture(scope="module")
@@ -293,7 +282,7 @@ def test_there_is_one_representative_of_each_symmetry_class(model):
         assert (equal.drop(columns=[c for c in equal if "gain" in c]).nunique() == 1).all()
 
 
-def test_only_conditions_classified_as_possible_point(atlas):
+def test_the_machine_points_only_if_classified_as_possible(atlas):
     """Simulated errors are those of the healthy machine, or of one that cannot move."""
     assert len(atlas) == 2 * len(CONDITIONS)
     healthy = atlas.set_index(["struts", "jacobian"]).loc[("SSSSSS", "constant"), sweeps.RMS]

@@ -27,9 +27,6 @@ def nominal(name: str) -> tuple[Jacobians, np.ndarray]:
     return jac, scipy.linalg.null_space(jac.J_C) if len(jac.J_C) else np.eye(model.nv)
 
 
-# The files.
-
-
 @pytest.mark.parametrize("name", FREEDOMS)
 def test_a_mechanism_is_closed_at_its_nominal_pose_and_has_its_freedoms(name):
     """Freedoms are velocities minus the rank of the closures; the motors control all of them."""
@@ -47,9 +44,6 @@ def test_a_mechanism_is_closed_at_its_nominal_pose_and_has_its_freedoms(name):
     np.testing.assert_allclose(np.delete(task_motions, task, axis=0), 0.0, atol=1e-15)
 
 
-# The study.
-
-
 @pytest.fixture(scope="module")
 def entries(study):
     return study.tables["systems"].set_index(["mechanism", "condition"])
@@ -58,23 +52,22 @@ def entries(study):
 def test_the_simulated_motions_are_those_of_the_classification(entries):
     """Limits are ten to a hundred times tighter than in the study's checks."""
     assert len(entries) == sum(len(mechanism.conditions) for mechanism in systems.MECHANISMS)
-    # Internal forces, too: closure forces are those of eq. (11).
+    # Closure forces include internal forces, by eq. (11).
     assert entries[["drift_error", "torque_error", "closure_error"]].max(axis=None) < 1e-4
     assert entries.yielded_steps.max() < 1e-4
-    # Far from any rank threshold.
     assert entries.smallest_gap.min() > 1e4
 
 
 @pytest.mark.parametrize(
     ("where", "unstable", "major", "constrained"),
     [
-        (("arm", "4 free"), True, True, 0),  # a free elbow swings the camera
-        (("arm", "7 free"), True, False, 0),  # a free wrist roll turns it about its own axis
-        (("hand", "healthy"), False, False, 1),  # four motors, three freedoms: they can squeeze
+        (("arm", "4 free"), True, True, 0),  # a free elbow moves the camera
+        (("arm", "7 free"), True, False, 0),  # a free wrist rotates it about its axis
+        (("hand", "healthy"), False, False, 1),  # four motors for three freedoms
         (("hand", "1 free"), False, False, 0),  # three motors still hold the object
         (("hand", "1 and 2 free"), True, True, 0),  # with a free finger it swings about the other
-        (("arms", "healthy"), False, False, 6),  # twelve motors, six freedoms
-        # One arm carries both the load and the other.
+        (("arms", "healthy"), False, False, 6),  # twelve motors for six freedoms
+        # One arm carries the load and the other arm.
         (("arms", "1, 2, 3, 4, 5 and 6 free"), False, False, 0),
         (("platform", "1 free"), False, False, 0),  # over-actuated: no self-motion
         (("platform", "1 and 2 free"), True, True, 0),
@@ -89,7 +82,7 @@ def test_each_mechanism_has_the_expected_classification(
 
 
 def test_in_a_hand_dropping_the_column_of_a_locked_finger_joint_is_wrong():
-    """As section 2.3.2 warns, the other joints are constrained, too."""
+    """The other joints are constrained, too, as section 2.3.2 warns."""
     mechanism = BY_NAME["hand"]
     _, healthy = systems.classified(model_of("hand"), mechanism, "SSSS")
     _, locked = systems.classified(model_of("hand"), mechanism, "LSSS")

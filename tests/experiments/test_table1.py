@@ -13,7 +13,7 @@ from fjh.rig.hexapod.columns import COLUMNS
 from fjh.rig.hexapod.machine import detector_noise_rad
 from fjh.rig.hexapod.rig import hexapod_rig, nominal_testbed
 from fjh.rig.hexapod.testbed import TestbedConfig
-from tests.fjh.rigs import rig as shared_rig
+from tests.fjh.rigs import shared_rig
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ ANGLES = ["alpha", "beta"]
 
 @pytest.mark.parametrize(("angle", "off"), [("alpha", 0.020), ("beta", -0.038)])
 def test_calibrated_levels_are_near_the_papers_means_with_less_scatter(table1, angle, off):
-    """With one fitted level per angle, 2.0 % above and 3.8 % below, no number differs by 13.9 %."""
+    """Numbers are within 13.9 % of the paper's with one fitted level per angle."""
     columns = [table1["by_name"][name] for name in CORRECTED]
     here = np.array([column[f"{angle}_rms_urad"] for column in columns])
     printed = np.array([column[f"paper_{angle}_rms_urad"] for column in columns])
@@ -60,7 +60,7 @@ def test_translation_across_the_line_of_sight_falls_by_more_than_twenty(table1):
 
 
 def test_an_uncorrected_lock_has_the_error_of_theory_not_of_the_paper(table1):
-    """Without row 1 of the mapping errors are 1.39 and 1.15 times the healthy ones."""
+    """Errors without row 1 of the mapping are 1.39 and 1.15 times the healthy ones."""
     A = np.linalg.inv(paper.JACOBIAN)
     J_m = np.linalg.inv(A)[:2]
     mapping = np.linalg.pinv(J_m)
@@ -75,7 +75,7 @@ def test_an_uncorrected_lock_has_the_error_of_theory_not_of_the_paper(table1):
     np.testing.assert_allclose(ratio, [1.39, 1.15], rtol=0.02)
     printed = np.divide(paper.TABLE_I_URAD["W_a_uncorrected"], paper.TABLE_I_URAD["W_a"])
     np.testing.assert_allclose(printed, [4.01, 1.55], rtol=0.005)
-    assert ratio[0] < 0.5 * printed[0]  # not reproduced, and not hidden
+    assert ratio[0] < 0.5 * printed[0]  # not reproduced
 
 
 @pytest.mark.parametrize("column", COLUMNS, ids=lambda column: column.name)

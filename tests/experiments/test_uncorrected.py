@@ -39,7 +39,7 @@ def test_a_candidate_with_the_columns_of_the_paper_explains_them(study):
 
 
 def test_a_steady_acceleration_of_the_floor_is_a_sag(model):
-    """It equals a force -m a at the centre of mass, plus a part of the struts' mass."""
+    """The sag is that of a force -m a at the centre of mass, plus a part of the struts' mass."""
     acceleration = np.array([0.02, -0.01, 0.03])
     plant = Plant(model)
     plant.shake(acceleration)
@@ -49,8 +49,8 @@ def test_a_steady_acceleration_of_the_floor_is_a_sag(model):
     np.testing.assert_allclose(plant.displacement(), sag, rtol=2e-3, atol=2e-9)
 
     pushed = Plant(model)
-    carried_kg = model.body_mass[model.body("payload").id] + 6 * 0.05
-    pushed.push(np.array([0, 0, 0, *(-carried_kg * acceleration)]))
+    mass_kg = model.body_mass[model.body("payload").id] + 6 * 0.05
+    pushed.push(np.array([0, 0, 0, *(-mass_kg * acceleration)]))
     pushed.settle(1.0)
     by_push = pushed.displacement()[3:]
     assert np.linalg.norm(sag[3:]) > np.linalg.norm(by_push)
@@ -82,11 +82,11 @@ def test_a_lock_off_centre_keeps_the_position_set_by_the_coil(model):
         for lead_in_s in (0.0, 1.0)
     )
     J = np.linalg.inv(hexapod(model).inverse_jacobian(NOMINAL))
-    # The flexures take a few thousandths of the coil's force.
+    # The flexures bear some thousandths of the coil's force.
     np.testing.assert_allclose(run.true[0], J[:2, 0] * place_m, rtol=6e-3)
     assert np.abs(run.displacement[:, 0] - place_m).max() < 6e-3 * place_m
     assert np.abs(run.displacement[0, 1:]).max() < 6e-3 * place_m
-    # The integrators have removed it, but for the detector's noise.
+    # The integrators have removed it, except for the detector's noise.
     assert np.abs(settled.true[0]).max() < 1e-6
 
 

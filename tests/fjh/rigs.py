@@ -16,7 +16,8 @@ ROWS = {"arm": (0, 1), "fjh": (0, 1), "platform": (3, 4), "hand": (3, 4), "arms"
 
 
 @cache
-def rig(name: str, mismatch: Known | Mismatch = "exact", **options: Any) -> Rig:
+def shared_rig(name: str, mismatch: Known | Mismatch = "exact", **options: Any) -> Rig:
+    """Return the rig of the hexapod, or of a file in models."""
     if name == "hexapod":
         return Rig.hexapod(mismatch=mismatch, seed=3, **options)
     given: dict[str, Any] = {"major": ROWS[name], "axes": "base" if name == "fjh" else None}
@@ -30,7 +31,7 @@ def rig_of(name: str, **options: Any) -> Rig:
 
 
 def path_of(name: str, duration_s: float = 0.8) -> Array:
-    return rig(name).path("circle", duration_s=duration_s, turn_s=0.8)
+    return shared_rig(name).path("circle", duration_s=duration_s, turn_s=0.8)
 
 
 def readings(bench: Bench, inputs: Array) -> Array:

@@ -31,7 +31,7 @@ from sim import (
     SimulationDiverged,
     load_model,
 )
-from tests.hostile import POSITIVE, Room, one_by_one, public
+from tests.hostile import POSITIVE, Package, one_by_one, public
 
 PARTS = public(
     *(Amplifier, Coils, Detector, Hexapod, Posture, StrutSensors, displacement_limits, hexapod),
@@ -42,14 +42,15 @@ PARTS = public(
 RIGS = public(
     Rig,
     trusted=(
-        *("Rig", "Rig.bench", "Rig.feedforward_demands", "Rig.reached"),  # of what was checked
-        *("Rig.hexapod", "Rig.of_mjcf"),  # a second each: `tests/fjh/rig/test_refusals.py`
+        # Called with checked arguments.
+        *("Rig", "Rig.bench", "Rig.feedforward_demands", "Rig.reached"),
+        *("Rig.hexapod", "Rig.of_mjcf"),  # slow: `tests/fjh/rig/test_errors.py`
     ),
 )
 
 
 @cache
-def parts() -> Room:
+def parts() -> Package:
     """Return parts of the hexapod's bench, and inverse kinematics of the arm, with good values."""
     model, arm = load_model(), load_model(MODELS / "arm.xml")
     machine, data = hexapod(model), mujoco.MjData(arm)
@@ -85,7 +86,7 @@ def parts() -> Room:
         "RobotOptions": {"limits": "stated", "size": 1e-3, "noise": 1e-5, "crossover": 5.0}
         | {"joint_weight": (1.0,), "secondary_weight": (1.0,), "servo": 5.0},
     }
-    of = {
+    objects = {
         **{"Amplifier": Amplifier(**driven), "Coils": Coils(**heated), "Ik": ik},
         **{"Detector": lambda: Detector(**optics), "StrutSensors": StrutSensors(1e-9)},
         **{"Hexapod": machine, "Posture": posture, "Mismatch": Mismatch(gain=0.1)},
@@ -100,31 +101,31 @@ def parts() -> Room:
         "Pose": lambda pose: machine.posture(pose),
         "Posture": lambda made: made.twist(np.ones(6)),
         "Hexapod.moved": lambda posture: posture,
-        **{"MjData": lambda data: data.qpos, "IkSolution": lambda found: found.qvel},
+        **{"MjData": lambda data: data.qpos, "IkSolution": lambda result: result.qvel},
         "Ik": lambda made: made.step(data, 0.01),
     }
-    return Room(
-        found=PARTS,
+    return Package(
+        callables=PARTS,
         good=good,
         special=special,
-        of=of,
+        objects=objects,
         uses=uses,
         errors=(ValueError, TypeError, ModelError, UnreachableLengths, WrongInput),
         ranges=dict.fromkeys((*driven, *heated, *optics), POSITIVE)
         | {"bits": (1, 53), "noise_m": (0, np.inf), "ambient_c": (-np.inf, np.inf)},
-        spared={
-            **{"Event": ("name", "actuator"), "Event of an actuator": ("name",)},  # of a list
-            "RobotOptions": ("site", "axes", "keyframe", "pinned"),  # of a model
+        excluded={
+            **{"Event": ("name", "actuator"), "Event of an actuator": ("name",)},  # names in a list
+            "RobotOptions": ("site", "axes", "keyframe", "pinned"),  # names in a model
         },
-        hard=(ModelError, UnreachableLengths),
+        unsolvable=(ModelError, UnreachableLengths),
     )
 
 
-test_a_hostile_argument_is_named_or_harmless = one_by_one(parts, PARTS)
+test_a_hostile_argument_is_reported_or_harmless = one_by_one(parts, PARTS)
 
 
 @cache
-def rigs() -> Room:
+def rigs() -> Package:
     """Return the hexapod's rig, which is slow to make, with good values."""
     rig = Rig.hexapod()
     good = {
@@ -142,18 +143,18 @@ def rigs() -> Room:
 
     uses = {
         **dict.fromkeys(("Supervisor", "PrioritizedController", "OracleController"), simulated),
-        "Manipulability": lambda found: found.worst_gain,
-        "Prediction": lambda found: found.rms_before,  # none is after where nothing fails
+        "Manipulability": lambda result: result.worst_gain,
+        "Prediction": lambda result: result.rms_before,  # without a failure there is none after
         "Run": lambda run: (run.true, run.measured),
         "PrioritizedMapping": lambda mapping: mapping.major_gain(),
     }
-    return Room(
-        found=RIGS,
+    return Package(
+        callables=RIGS,
         good=good,
-        of={"Rig": rig},
+        objects={"Rig": rig},
         uses=uses,
         errors=(ValueError, TypeError, WrongInput),
-        hard=(ModelError, SimulationDiverged, WrongInput),
+        unsolvable=(ModelError, SimulationDiverged, WrongInput),
     )
 
 

@@ -16,7 +16,7 @@ from fjh.comparison import LEVEL, Comparison, compare, shifted
 from fjh.result_frames import results
 from fjh.study.errors import WrongInput
 from fjh.study.result import Check, Result
-from tests.made import keep_made
+from tests.synthetic import write_synthetic_run
 
 DATA = Path(__file__).parents[2] / "docs" / "data"
 TABLE1 = json.loads((DATA / "table1.json").read_text())
@@ -57,7 +57,7 @@ def test_changed_text_is_no_noise_and_a_new_constant_no_new_sample():
     assert list(difference.changed.place) == ["y"] and len(difference.settings) == 1
 
 
-def test_bounds_of_confidence_count_where_the_draws_differ():
+def test_bounds_of_confidence_count_if_the_samples_differ():
     one = {"seed": 0, "right_count": 60, "right_rate": 1.0, "right_low": 0.94, "right_high": 1.0}
     other = {"seed": 1, "right_count": 55, "right_rate": 0.92}
     other |= {"right_low": 0.82, "right_high": 0.97}
@@ -82,7 +82,7 @@ def test_a_table_equals_itself_in_any_order(numbers, rng):
     assert not len(difference.changed) and not len(difference.absent)
 
 
-def test_two_samples_of_one_distribution_seldom_differ_and_a_shift_is_seen():
+def test_two_samples_of_one_distribution_seldom_differ_and_a_shift_is_detected():
     """The significance level is that of all columns together."""
 
     def rows(seed: int, shift: float = 0.0) -> pd.DataFrame:
@@ -96,7 +96,7 @@ def test_two_samples_of_one_distribution_seldom_differ_and_a_shift_is_seen():
     assert list(changed.place) == ["median of y"] and tested == 21
 
 
-def test_a_check_that_fails_and_did_not_is_exit_code_one(capsys):
+def test_a_newly_failed_check_gives_exit_code_one(capsys):
     check = {"what": "gap [m]", "where": "W_b", "value": 1e-9, "limit": 1e-8, "passed": True}
     compared({"checks": [check]}, {"checks": [check | {"value": 1e-6, "passed": False}]})
     assert main(["results", "b.json", "--against", "a.json"]) == 1
@@ -111,7 +111,7 @@ def test_results_of_two_studies_are_not_compared(capsys):
     assert "is of fjh figures, b.json of" in capsys.readouterr().err
 
 
-def test_nothing_that_is_printed_commands_a_terminal(capsys):
+def test_printed_text_has_no_control_characters(capsys):
     evil = "\x1b[2J\n"
     compared({evil: 1.0, "word": "a"}, {evil: 2.0, "word": evil})
     assert main(["results", "b.json", "--against", "a.json"]) == 0
@@ -130,7 +130,7 @@ def test_runs_checks_and_files_of_every_folder_are_frames():
 
 def test_a_folder_of_recordings_alone_is_a_row_for_each(tmp_path):
     for name in ("one", "two"):
-        keep_made(tmp_path, name)
+        write_synthetic_run(tmp_path, name)
     frames = results(tmp_path)
     assert list(frames.runs.recording) == ["one", "two"] and set(frames.runs.study) == {"made"}
     assert list(frames.runs)[:2] == list(frames.files)[:2] == ["study", "folder"]

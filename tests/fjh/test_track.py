@@ -1,4 +1,4 @@
-"""On small paths `fjh track` agrees with the linear model, also after failures."""
+"""Tests of `fjh track` against the linear model on small paths, also after failures."""
 
 import re
 from dataclasses import fields, replace
@@ -23,7 +23,7 @@ from fjh.track import TrackedRuns, compare_prediction, rows_of, track
 from ftc.reconfiguration import ErrorPrediction
 from sim import HEXAPOD_MJCF, Array, Failure
 from tests.arms import ARMS as SERIAL
-from tests.fjh.rigs import rig as rig_of
+from tests.fjh.rigs import shared_rig
 from tests.robots import PANDA
 
 ARM, PLATFORM, HAND, ARMS = (
@@ -35,7 +35,7 @@ FAILS = {ARM: "motor2", HAND: "motor2", ARMS: "motor2", PLATFORM: "motor1", None
 
 def tracked(model: Path | None, seed: int = 0, **options: Any) -> Result:
     """Return the result of `fjh track` without its files."""
-    # A given crossover spares the search, as no dither does its design.
+    # A given crossover avoids the search, and no dither its design.
     arguments: dict[str, Any] = {"dither": "none", "turn": 2.0, "duration": 1.0, "model": model}
     arguments |= {"major": MAJOR.get(model, "0,1")} | ({} if model is None else {"crossover": 0.7})
     arguments |= options
@@ -59,12 +59,12 @@ NOISE = {ARM: 2e-6, PLATFORM: 2e-6, HAND: 5e-7, ARMS: 2e-6, None: None}
 @pytest.mark.parametrize(("model", "noise"), NOISE.items())
 def test_without_a_failure_the_error_is_that_of_the_linear_model(model, noise):
     """The path is deterministic; noise is small, since one second averages little."""
-    one = tracked(model, turn=1.0, noise=noise)
-    rows, results = one.tables["rows"], one.overall
+    result = tracked(model, turn=1.0, noise=noise)
+    rows, results = result.tables["rows"], result.overall
     np.testing.assert_allclose(rows.rms_before[:2], rows.predicted_rms_before[:2], rtol=0.05)
     assert results["rms_after"] is None and results["predicted_rms_after"] is None
-    assert one.settings["failures"] == results["possible_after"] == results["diagnoses"] == []
-    assert results["closure_residual_max_m"] < 1e-8  # the demands brake for the end of the path
+    assert result.settings["failures"] == results["possible_after"] == results["diagnoses"] == []
+    assert results["closure_residual_max_m"] < 1e-8  # the demands decelerate at the end of the path
 
 
 DESIGNED = {"dither": "designed", "crossover": None}
@@ -83,16 +83,16 @@ LOCKS = [
 def test_lock_is_identified_and_error_is_as_predicted_for_its_delay(model, options, within_s):
     """The dither isolates the lock for each robot; the prediction includes the delay."""
     failed = FAILS[model]
-    one = tracked(model, duration=2.0, fail=[f"{failed}:locked@0.8"], **options)
-    [identified] = one.overall["diagnoses"]
+    result = tracked(model, duration=2.0, fail=[f"{failed}:locked@0.8"], **options)
+    [identified] = result.overall["diagnoses"]
     assert (identified["actuator"], identified["kind"]) == (failed, "locked")
     assert 0 <= identified["delay_s"] < within_s
-    assert one.overall["possible_after"] == [True] and not one.overall["task_lost"]
-    assert one.overall["prediction_off_after"] < 0.1
-    run, actuators = run_of(one), one.settings["actuators"]
+    assert result.overall["possible_after"] == [True] and not result.overall["task_lost"]
+    assert result.overall["prediction_off_after"] < 0.1
+    run, actuators = run_of(result), result.settings["actuators"]
     after = run["displacement"][run["time_s"] >= 0.802, actuators.index(failed)]
-    assert np.ptp(after) < 1e-3 * one.settings["path_size"]
-    isolable = one.settings["dither"]["isolable"]
+    assert np.ptp(after) < 1e-3 * result.settings["path_size"]
+    isolable = result.settings["dither"]["isolable"]
     assert options["dither"] == "default" or len(isolable) >= 2 * len(actuators)
 
 
@@ -100,10 +100,10 @@ def test_lock_is_identified_and_error_is_as_predicted_for_its_delay(model, optio
 def test_the_error_at_rest_is_that_of_noise_and_dither():
     """Noise and dither alone cause the error; the run without a dither gives the part of noise."""
     at_rest = partial(tracked, ARM, noise=2e-6, turn=1e6, path="steps", duration=0.6)
-    one, still = (at_rest(sense="both", dither=dither) for dither in ("10", "none"))
-    cost = np.array(one.settings["dither"]["task_motion"]) / np.sqrt(2)
+    result, still = (at_rest(sense="both", dither=dither) for dither in ("10", "none"))
+    cost = np.array(result.settings["dither"]["task_motion"]) / np.sqrt(2)
     of_noise = still.tables["rows"].predicted_rms_before
-    for results in (one.tables["rows"].rms_before, one.tables["rows"].predicted_rms_before):
+    for results in (result.tables["rows"].rms_before, result.tables["rows"].predicted_rms_before):
         np.testing.assert_allclose(results, np.hypot(cost, of_noise), rtol=0.15)
     assert (cost > 2 * of_noise).all()
 
@@ -117,7 +117,6 @@ def test_forward_kinematics_reads_the_task_as_well_as_the_encoders_allow():
     noise = run["measured"] - run["true"]
     np.testing.assert_allclose(noise.std(axis=0), rig.nominal.noise, rtol=0.1)
     np.testing.assert_allclose(noise.mean(axis=0), 0.0, atol=4e-6 / np.sqrt(len(noise)))
-    # Encoders resolve the path as the sensor of the task does: metres of it are no radians.
     hand = robot_rig(HAND, RobotOptions(major=(3, 4), sense="joints", crossover=0.7))
     gain = hand.mapping(hand.goal).major_gain()
     assert hand.encoder_noise == pytest.approx(hand.noise * np.abs(gain).max())
@@ -145,7 +144,7 @@ def test_paths_begin_at_the_start_and_keep_their_size(tmp_path):
 
 @pytest.mark.long
 def test_error_without_diagnosis_is_that_of_a_run_without_diagnosis():
-    """With the same seed, failures, events and noise, numbers are equal to the bit."""
+    """Numbers with equal seed, failures, events and noise are equal to the bit."""
     track_arm = partial(tracked, ARM, fail=["motor2:locked@0.2"], event=["bump@0.3"], duration=0.5)
     done = list[tuple[int, int]]()
     both = track_arm(on_progress=lambda *ticks: done.append(ticks)).overall
@@ -153,7 +152,7 @@ def test_error_without_diagnosis_is_that_of_a_run_without_diagnosis():
     assert both["rms_after_without_diagnosis_rad"] == alone["rms_after_rad"]
     assert alone["rms_after_without_diagnosis"] is None
     assert done[-1] == (1000, 1000) and len(done) == len(set(done))
-    # Without a file, a failure or a diagnosis the hexapod's run is that of W_a, to the bit.
+    # The hexapod's run without file, failure or diagnosis equals W_a to the bit.
     run = run_of(tracked(None, path="spiral", duration=0.3, diagnosis="off"))
     rig = hexapod_rig()
     reference = rig.fly(rig.controller(), run["desired"])
@@ -165,12 +164,14 @@ def test_error_without_diagnosis_is_that_of_a_run_without_diagnosis():
 def test_failure_that_is_not_isolable_is_reported_before_and_after(capfd):
     """The advised option isolates the failure, for which half a second is enough."""
     unisolable: dict[str, Any] = {"sense": "task", "duration": 0.4, "fail": ["motor1:locked@0.3"]}
-    one = tracked(PLATFORM, **unisolable)
+    result = tracked(PLATFORM, **unisolable)
     advised = (
         "motor1 locked may not be identified: by the linear model --dither default isolates it"
     )
     assert capfd.readouterr().err == f"fjh: {advised}\n"
-    assert one.overall["advice"] == [advised.replace("may not be identified", "was not diagnosed")]
+    assert result.overall["advice"] == [
+        advised.replace("may not be identified", "was not diagnosed")
+    ]
     improved = tracked(PLATFORM, **unisolable, dither="default").settings["dither"]
     assert {"actuator": "motor1", "kind": "locked"} in improved["isolable"]
     with pytest.raises(WrongInput, match="the major task leaves no motion for a dither"):
@@ -198,7 +199,7 @@ def test_failure_that_is_not_isolable_is_reported_before_and_after(capfd):
 )
 def test_run_with_a_false_diagnosis_is_not_compared(identified, why):
     """A run with a lock diagnosed as weak is not compared either; the reason is reported."""
-    rig, failure = rig_of("arm", crossover=0.7), Failure(3, "locked", 0.1)
+    rig, failure = shared_rig("arm", crossover=0.7), Failure(3, "locked", 0.1)
     run = rig.fly(rig.controller(), rig.path("circle", duration_s=0.3, turn_s=1.0))
     run = replace(run, diagnoses=(identified,), failures=(failure,))
     predicted = rig.predict(run.desired, failures=[failure])

@@ -62,8 +62,8 @@ def simulate(
 ) -> list[MonitorState]:
     """Return the states of a monitor of three carts at each tick, up to a confirmation.
 
-    Commands are random slow motions of 4 to 8 mm plus the dither, from rest; the fault occurs at
-    tick `fails`. `act` changes the applied commands, `read` the readings in units of noise.
+    Commands are random motions of 4 to 8 mm plus the dither; the fault occurs at tick `fails`.
+    `act` changes the applied commands, `read` the readings in units of noise.
     """
     nominal, rng = fdi_monitor.nominal, np.random.default_rng(seed)
     plant = fault_model(nominal)
@@ -117,8 +117,8 @@ def outputs(
 ):
     """Simulate a plant from rest tick by tick; return its means (N, p) over the samples.
 
-    `displaced` (s,) is added to the state after the sample of the onset; `late` is the fraction of
-    each sample in which the previous command still applies.
+    `displaced` (s,) is added to the state after the onset; `late` is the fraction of each sample in
+    which the previous command applies.
     """
     model, x, means = fault_model(nominal, before), np.zeros(nominal.plant.nstates), []
     last = np.vstack([np.zeros_like(u[:1]), u[:-1]])

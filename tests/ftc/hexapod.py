@@ -74,7 +74,7 @@ def pulled(controller, secondary_reference=None):
 
 
 @cache
-def out(form: DisplacementForm = "absolute"):
+def displaced_state(form: DisplacementForm = "absolute"):
     """Return the displaced state of the controller of the healthy machine."""
     return pulled(controller(EQUAL, form))
 
@@ -93,15 +93,12 @@ class Script:
 
     @property
     def nominal(self):
-        """Model of the healthy machine."""
         return hexapod_rig().nominal
 
     def step(self, state, measured, commanded_m):
-        """Return the state with the next scripted diagnosis."""
         return replace(state, ticks=state.ticks + 1, diagnosis=self.script[state.ticks])
 
     def with_diagnosis(self, state):
-        """Return the monitor after one more confirmed failure."""
         return replace(self, after=self.after + 1), replace(state, diagnosis=None)
 
 

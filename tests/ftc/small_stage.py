@@ -42,21 +42,17 @@ class Stage:
     nominal = STILL
 
     def jacobians(self, posture: np.ndarray) -> Any:
-        """Return the constant Jacobians."""
         return SimpleNamespace(J_T=J, J_C=np.zeros((0, N)), active=np.arange(N), stiffness=None)
 
     def displacements(self, posture: np.ndarray) -> np.ndarray:
-        """Return the posture itself."""
         return posture
 
     def task(self, posture: np.ndarray) -> np.ndarray:
-        """Return the linear task."""
         return J @ posture
 
     def moved(
         self, posture: np.ndarray, displacements: np.ndarray, fixed: np.ndarray
     ) -> np.ndarray:
-        """Return the commanded posture."""
         return displacements
 
 
@@ -67,7 +63,6 @@ class Still:
         self.rng, self.of = np.random.default_rng(1), of
 
     def measure(self) -> Measurement:
-        """Return noise."""
         size = 1.0 if self.of is int else 1e-3
         return Measurement((size * self.rng.normal(size=M1)).astype(self.of), np.zeros(N, self.of))
 

@@ -40,10 +40,7 @@ def driven(controller: PrioritizedController, reference: float, ticks: int, stat
 
 @pytest.mark.parametrize("anti_windup", [True, False])
 def test_an_integrator_stays_near_the_achieved_demand(anti_windup):
-    """The demand leads by at most the error: K e dt = L (u - u_a), and L is about K dt.
-
-    The task reaches its target four time constants 1 / K after that has become attainable.
-    """
+    """The demand leads by at most the error, since L is about K dt; the task settles in 4 / K."""
     controller = controller_for(limited(serial(3)), anti_windup=anti_windup)
     reached, state = driven(controller, 10.0, 500)
     error = np.linalg.norm([10.0 - reached[-1, 0], reached[-1, 1]])
@@ -56,10 +53,7 @@ def test_an_integrator_stays_near_the_achieved_demand(anti_windup):
 
 @pytest.mark.parametrize("slowness", [1.0, 7.0])
 def test_the_observer_of_an_integrator_is_the_scalar_kalman_filter(slowness):
-    """The Riccati equation is c^2 P^2 = b^2 (c^2 P + r), and L = c P / (c^2 P + r), r = slowness^2.
-
-    The excess then decays in about slowness / K, to first order in the period.
-    """
+    """The Riccati equation is c^2 P^2 = b^2 (c^2 P + r), its gain c P / (c^2 P + r)."""
     b, c, r = PERIOD_S, 5.0, slowness**2
     P = (b**2 * c**2 + np.sqrt((b * c) ** 4 + 4 * r * (b * c) ** 2)) / (2 * c**2)
     gain = tracking_gain(INTEGRATOR, slowness)[0]
@@ -72,7 +66,7 @@ def test_the_observer_of_an_integrator_is_the_scalar_kalman_filter(slowness):
 
 @given(SEEDS, st.integers(0, 2), st.integers(0, 3))
 def test_compensators_with_back_calculation_are_stable(seed, integrators, others):
-    """All poles of A - L C are stable, also for double integrators and unstable compensators."""
+    """The poles of A - L C are stable, also of double integrators and unstable compensators."""
     rng, order = np.random.default_rng(seed), integrators + others
     A = np.diag(np.concatenate([np.ones(integrators), rng.uniform(-1.1, 0.9, others)]))
     if integrators == 2:
@@ -110,7 +104,7 @@ def test_with_a_positive_circle_margin_two_responses_converge_through_the_limits
 
 @given(SEEDS)
 def test_a_mapping_with_limits_takes_over_without_a_step(seed):
-    """After a transfer the new mapping reproduces previous commands within the limits."""
+    """The new mapping reproduces previous commands within the limits after a transfer."""
     own, rng = serial(seed), np.random.default_rng(seed)
     mapping, commanded_m = limited(own), 0.4 * rng.uniform(-1, 1, 5)
     controller = controller_for(mapping, handover_s=0.1)

@@ -17,7 +17,7 @@ from tests.ftc.carts import ONSETS, SAMPLES, Record, carts, gathered, outputs, s
 from tests.ftc.spectra import whitened
 
 WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3, command=30.0, supply=0.2, scale=0.4)
-SPREAD = 1 / np.sqrt(12)  # of a uniform variable over a cell of width one
+SPREAD = 1 / np.sqrt(12)  # standard deviation of a uniform variable over a cell of one
 seeds = pytest.mark.parametrize("seed", range(3))
 
 
@@ -33,8 +33,8 @@ def caused(record: Record, cause: Cause, onset: int, uncertainty) -> list[np.nda
     own = np.eye(nominal.actuators)[cause.actuator]
     resting = np.linalg.solve(-nominal.plant.A, nominal.plant.B @ own)
     own = own * uncertainty.command / np.linalg.norm(nominal.plant.C @ resting / nominal.noise)
-    growth = since[:, None] * ticks * nominal.period_s
-    return [outputs(nominal, ticks, u + each * own) - plain for each in (on, on * growth)]
+    drift = since[:, None] * ticks * nominal.period_s
+    return [outputs(nominal, ticks, u + each * own) - plain for each in (on, on * drift)]
 
 
 def sensitivities(record: Record, fault: Fault | Cause | None, onset: int) -> np.ndarray:
@@ -54,7 +54,7 @@ def sensitivities(record: Record, fault: Fault | Cause | None, onset: int) -> np
         own = [plain * 0] * 2 if cause is None else caused(record, cause, onset, WRONG)
         return np.array([*result, plain * 0, *own, plain * 0])
     later = outputs(nominal, ticks, u, fault, onset + 1) - plain
-    later[onset] = 0.0  # no onset within a sample
+    later[onset] = 0.0
     push = nominal.plant.B[:, fault.actuator]
     direction = np.roll(push, -len(push) // 2)
     direction = direction / np.linalg.norm(nominal.plant.C @ direction / nominal.noise)
@@ -62,7 +62,7 @@ def sensitivities(record: Record, fault: Fault | Cause | None, onset: int) -> np
     if fault.kind == "locked":
         further = outputs(nominal, ticks, u, fault, onset, displaced=1.5 * direction) - plain
     else:
-        remaining, parts = fault.effectiveness, []  # a quarter more and a quarter less lost
+        remaining, parts = fault.effectiveness, []  # 25 % more and less loss
         for other in (min(remaining + 0.25, 1.0), max(remaining - 0.25, 0.0)):
             about = replace(fault, kind="weak", effectiveness=other)
             parts.append(outputs(nominal, ticks, u, about, onset))
@@ -96,10 +96,7 @@ def regression(record: Record, fault: Fault | Cause | None, onset: int, prior, w
 
 
 def written_out(record: Record, fault: Fault | Cause | None, onset: int, prior, whitening):
-    """Return energy, log root determinant and parameters of one hypothesis, written out in full.
-
-    If the best onset or lost fraction is outside its cell, the result is the best one within.
-    """
+    """Return energy, log root determinant and parameters of a hypothesis, and where it is cut."""
     H, P, e = regression(record, fault, onset, prior, whitening)
     S = np.eye(len(e)) + H @ P @ H.T
     low, high = np.full(len(P), -np.inf), np.full(len(P), np.inf)
@@ -112,9 +109,9 @@ def written_out(record: Record, fault: Fault | Cause | None, onset: int, prior, 
     energy = e @ np.linalg.solve(S, e)
     beyond = int(((best < low) | (best > high)).sum())
     if beyond:
-        stacked = np.vstack([H, np.linalg.inv(np.linalg.cholesky(P))])
+        whitened_rows = np.vstack([H, np.linalg.inv(np.linalg.cholesky(P))])
         aim = np.append(e, np.zeros(len(P)))
-        within = scipy.optimize.lsq_linear(stacked, aim, (low, high), tol=1e-12)
+        within = scipy.optimize.lsq_linear(whitened_rows, aim, (low, high), tol=1e-12)
         energy, best = 2 * within.cost, within.x
     return energy, np.linalg.slogdet(S)[1] / 2, best, beyond
 
@@ -122,10 +119,7 @@ def written_out(record: Record, fault: Fault | Cause | None, onset: int, prior, 
 @pytest.mark.parametrize("ticks", [1, pytest.param(3, marks=pytest.mark.long)])
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2, 3))])
 def test_a_hypothesis_is_weighed_by_its_gaussian_without_the_unknowns(seed, ticks):
-    """The reference simulates each hypothesis and its errors, written out in full.
-
-    Causes are included: a growing offset of an actuator, the supply, the scale.
-    """
+    """The reference simulates hypotheses, errors and causes (offset, supply, scale) in full."""
     nominal = carts(seed)
     record = Record.of(nominal, ticks, seed, Fault(1, "weak", 0.4))
     bank = hypothesis_bank(nominal, (), WRONG, ticks)
@@ -145,7 +139,7 @@ def test_a_hypothesis_is_weighed_by_its_gaussian_without_the_unknowns(seed, tick
 @pytest.mark.parametrize("gain", [0.1, 1.0, 7.0])
 @pytest.mark.parametrize("seed", range(2))
 def test_the_last_hypothesis_is_a_density_of_the_outputs_as_the_first(seed, gain):
-    """For filters of any gain the log ratio is that of the Gaussians of the measurements."""
+    """The log ratio is that of the Gaussians of the measurements, for filters of any gain."""
     record = Record.of(carts(seed), 2, seed)
     bank = hypothesis_bank(record.nominal, (), WRONG, 2)
     prior = random_prior(len(bank.base_model.M) - 1, seed)
@@ -157,7 +151,7 @@ def test_the_last_hypothesis_is_a_density_of_the_outputs_as_the_first(seed, gain
     for weights in filters:
         H, P, e = regression(record, None, 0, prior, weights)
         columns = (whitened(weights, unit) for unit in np.eye(e.size).reshape(-1, SAMPLES, 2))
-        L = np.array([column.ravel() for column in columns]).T  # e = L y, less what is known
+        L = np.array([column.ravel() for column in columns]).T  # e = L y minus the known part
         inverse = np.linalg.inv(L)
         cov = inverse @ (np.eye(e.size) + H @ P @ H.T) @ inverse.T
         densities.append(multivariate_normal(cov=cov).logpdf(inverse @ e))
@@ -184,13 +178,11 @@ def test_a_weak_actuator_loses_a_fraction_of_its_remaining_force():
         hypothesis_bank(carts(0), [Fault(k, "locked") for k in range(2)])
 
 
-# Compiled steps of the evidence.
-
 ARRAYS = ("X", "memory", "information", "score", "energy")
 
 
 @seeds
-def test_a_step_leaves_the_evidence_before_it_and_gives_the_same_in_place(seed):
+def test_a_step_does_not_change_its_argument_and_equals_one_in_place(seed):
     """A step leaves its argument unchanged; an unmeasured sample adds no evidence."""
     rng = np.random.default_rng(seed)
     record, filters = Record.of(carts(seed), 2, seed), rng.uniform(0.1, 1.0, (2, 4, 2))
@@ -214,8 +206,8 @@ def test_a_step_leaves_the_evidence_before_it_and_gives_the_same_in_place(seed):
 
 
 @seeds
-def test_information_that_rounding_made_indefinite_leaves_finite_numbers(seed):
-    """With regressors a trillion times the noise 1 is lost in round-off; pivots stay positive."""
+def test_information_made_indefinite_by_rounding_gives_finite_numbers(seed):
+    """Regressors are a trillion times the noise: 1 is lost in round-off; pivots stay positive."""
     rows = 1e12 * np.random.default_rng(seed).normal(size=(9, 2))
     information = rows @ rows.T
     assert np.linalg.eigvalsh(np.eye(9) + information)[0] < 0

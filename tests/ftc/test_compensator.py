@@ -39,7 +39,7 @@ def test_a_response_is_the_solution_of_its_linear_system_at_each_frequency(seed)
         [L.C @ np.linalg.solve(each * np.eye(L.nstates) - L.A, L.B) + L.D for each in z]
     )
     result = frequency_response(L)(FREQUENCY_RAD_S)
-    size = 1 + np.linalg.norm(solved, axis=(1, 2))  # I + L is what margins and peaks are read off
+    size = 1 + np.linalg.norm(solved, axis=(1, 2))  # margins and peaks are those of I + L
     assert (np.linalg.norm(result - solved, axis=(1, 2)) < 1e-11 * size).all()
 
 
@@ -94,14 +94,8 @@ def test_a_slow_loop_has_the_margins_of_a_fast_one():
     assert peaks[1] == pytest.approx(peaks[0], rel=1e-3)
 
 
-# Uncontrollable or unobservable modes do not matter to a loop.
-
-
 def plant(seed: int, driven: int, hidden: int) -> control.StateSpace:
-    """Return a plant of stable minimal modes and uncontrollable or unobservable integrators.
-
-    The states are mixed by a random transformation of moderate condition.
-    """
+    """Return a plant of stable minimal and unobservable or uncontrollable modes, states mixed."""
     rng = np.random.default_rng(seed)
     n = driven + 2 * hidden
     A = np.zeros((n, n))

@@ -30,8 +30,8 @@ from tests.ftc.hexapod import (
     FADE,
     LSB_PERCENT,
     controller,
+    displaced_state,
     jacobian,
-    out,
     pointing_of,
     pulled,
     reading,
@@ -52,7 +52,7 @@ ALL = np.ones(6)
 @pytest.mark.parametrize("form", ["absolute", "gauss_newton"])
 @pytest.mark.parametrize("name", GOALS)
 def test_a_change_of_the_mapping_is_bumpless_and_keeps_the_task(name, form):
-    after, state = controller(GOALS[name], form), out(form)
+    after, state = controller(GOALS[name], form), displaced_state(form)
     survivors = [k for k in range(6) if k not in GOALS[name].locked_at]
     sent, bare = state.inputs[survivors], steady(after, state, 1).inputs[survivors]
     if form == "absolute" or "locked" not in name:
@@ -75,13 +75,13 @@ def test_a_change_of_the_mapping_is_bumpless_and_keeps_the_task(name, form):
     for later in (state, steady(after, state, FADE)):
         own = after.mapping.displacements(later.previous_command.demand, later.pose)[survivors]
         np.testing.assert_allclose(surviving_m(later), own, atol=1.1e-8)
-    if name != "locked off centre":  # the least of all struts is the least of those left, too
+    if name != "locked off centre":  # the weakest of all struts is healthy
         assert np.abs(surviving_m(first) - own).max() > 1e-7
 
 
 def test_a_transfer_during_a_transfer_and_with_a_dither_is_bumpless():
     first, second, third = map(controller, (EQUAL, GOALS["W_b"], GOALS["W_e, one locked"]))
-    state = steady(second, second.transfer(out()), 100)
+    state = steady(second, second.transfer(displaced_state()), 100)
     then = steady(third, third.transfer(state), 1)
     assert np.delete(np.abs(then.inputs - state.inputs), 2).max() <= 2 * LSB_PERCENT
     shaken = np.array([2e-6, -1e-6, 3e-6, 0.0, 1e-6, -2e-6])
@@ -91,9 +91,9 @@ def test_a_transfer_during_a_transfer_and_with_a_dither_is_bumpless():
 
 
 def test_the_command_of_a_known_weak_actuator_is_scaled():
-    """Twice the command at half the force gives the same displacement, pose and transfer."""
+    """A doubled command at half the force gives the same displacement, pose and transfer."""
     aware = controller(replace(EQUAL, effectiveness={4: 0.5}))
-    expected, state = out(), pulled(aware)
+    expected, state = displaced_state(), pulled(aware)
     twice = expected.inputs * [1, 1, 1, 1, 2, 1]
     np.testing.assert_allclose(state.inputs, twice, atol=2 * LSB_PERCENT)
     assert abs(state.inputs[4]) > 40 * LSB_PERCENT
@@ -107,8 +107,6 @@ def test_the_command_of_a_known_weak_actuator_is_scaled():
     np.testing.assert_allclose(transfer.demand, 0, atol=2e-7)
     np.testing.assert_allclose(transfer.secondary_reference, 0, atol=4e-8)
 
-
-# An actuator out of use: its command stays or fades, and the others take over.
 
 LOST = {"locked": Goal(EQUAL.joint_weight, locked_at={2: -4e-6}), "without force": WITHOUT_2}
 
@@ -127,12 +125,12 @@ def moving(controller, state: ControllerState, ticks: int) -> list[ControllerSta
     ("name", "form"),
     [
         *((name, form) for name in LOST for form in ("absolute", "gauss_newton")),
-        ("without force", "incremental"),  # a lock off centre has no incremental form
+        ("without force", "incremental"),  # locks off centre have no incremental form
     ],
 )
 def test_a_retained_command_stays_to_the_bit(name, form: DisplacementForm):
     """The command does not depend on the other commands, the time, or a second transfer."""
-    after, state = controller(LOST[name], form), out(form)
+    after, state = controller(LOST[name], form), displaced_state(form)
     later = moving(after, after.transfer(state, retained=ALL), FADE + 20)
     later += moving(after, after.transfer(later[-1], retained=ALL), 5)
     assert abs(state.inputs[2]) > 20 * LSB_PERCENT
@@ -143,7 +141,7 @@ def test_a_retained_command_stays_to_the_bit(name, form: DisplacementForm):
 @pytest.mark.parametrize("form", ["absolute", "gauss_newton", "incremental"])
 def test_another_command_fades_as_half_a_cosine(form: DisplacementForm):
     after = controller(WITHOUT_2, form)
-    retained_state = moving(after, after.transfer(out(form), retained=ALL), 50)[-1]
+    retained_state = moving(after, after.transfer(displaced_state(form), retained=ALL), 50)[-1]
     fading = moving(after, after.transfer(retained_state), FADE + 10)
     expected = 0.5 * (1 + np.cos(np.pi * np.minimum(np.arange(FADE + 10) / FADE, 1)))
     result = np.array([each.inputs[2] for each in fading]) / retained_state.inputs[2]
@@ -153,8 +151,8 @@ def test_another_command_fades_as_half_a_cosine(form: DisplacementForm):
 
 @pytest.mark.parametrize("remaining", [0.0, 0.3, 1.0])
 def test_the_others_take_over_the_remaining_effect_of_a_weak_actuator(remaining):
-    """With the remaining force of the weak one they produce the same static task at each tick."""
-    after, start, second = controller(WITHOUT_2), out(), np.arange(6) == 2
+    """The weak one and the others produce the same static task at each tick of the transfer."""
+    after, start, second = controller(WITHOUT_2), displaced_state(), np.arange(6) == 2
     u = after.drives.displacements(start.inputs)
     lost = np.where(second, (1 - remaining) * u, 0.0)  # at the onset of the failure
     caused, state = [], after.transfer(start, lost, np.where(second, remaining, 0.0))
@@ -170,7 +168,7 @@ def test_a_second_failure_while_the_first_one_fades_moves_nothing():
     """The rest of the first command fades with the second, unless both are retained."""
     first, second = controller(WITHOUT_2), controller(replace(EQUAL, locked_at={2: 0.0, 5: 0.0}))
     acting = np.array([0, 0, 0.3, 0, 0, 0.4])
-    state = out()
+    state = displaced_state()
     half = steady(first, first.transfer(state, acting=acting), FADE // 2 + 1)
     retained_state = steady(second, second.transfer(half, retained=ALL), 2 * FADE)
     last = steady(second, second.transfer(retained_state, acting=acting), FADE + 2)
@@ -190,7 +188,7 @@ def tied_controller(system: ConstrainedSystem, goal: Goal, *form) -> Prioritized
 
 @pytest.mark.parametrize("form", ["absolute", "incremental"])
 def test_an_inadmissible_displacement_fades_once(form):
-    """For actuators tied by a loop, a second transfer during the first one continues it."""
+    """A second transfer during the first one continues it, for actuators tied by a loop."""
     tied = ConstrainedSystem(np.eye(2, 3), np.array([[1.0, -1.0, 0.0]]), np.arange(3))
     controller = tied_controller(tied, Goal((1.0,) * 3), form)
     state = controller.transfer(replace(controller.start(), inputs=np.array([0.5, -0.5, 0.0])))
@@ -219,11 +217,7 @@ def test_a_free_actuator_in_closed_loops_is_commanded_to_its_position(seed):
     assert abs(state.inputs[2]) > 1e-2 and controller.mapping.followed(np.zeros(4)) is not None
 
 
-# The loop without a mechanism.
-
-
 def test_the_stepped_loop_is_the_linear_one_of_python_control():
-    """The loop has neither saturation nor failures."""
     own, gain = stage(), stage().mapping().major_gain()
     P = control.c2d(own.plant, PERIOD_S, "zoh")
     model = FaultModel(P.A, P.B, P.C, np.eye(P.nstates), np.zeros(P.nstates))

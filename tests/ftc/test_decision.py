@@ -16,7 +16,7 @@ WRONG = Uncertainty(0.1, 0.1, 0.2, 0.05, delay_s=2e-3)
 WIDER = replace(WRONG, command=10.0, supply=0.3, scale=0.3)
 
 
-def decided(record: Record, onsets=ONSETS, uncertainty=CERTAIN, bank=None, **how):
+def decision_of(record: Record, onsets=ONSETS, uncertainty=CERTAIN, bank=None, **how):
     """Return the evidence and the decision at the end of a record."""
     bank, p = bank or hypothesis_bank(record.nominal, (), uncertainty, 2), record.y.shape[1]
     prior = Parameters.prior(len(bank.base_model.M) - 1, p, uncertainty)
@@ -47,17 +47,14 @@ def random_fault(rng: np.random.Generator, n: int) -> Fault:
 
 @pytest.mark.parametrize("noise", [2e-3, pytest.param(6e-3, marks=pytest.mark.long)])
 def test_confidence_is_the_rate_of_correct_decisions(noise):
-    """The rate of correct decisions is their mean confidence: any actuator, kind, or no failure.
-
-    Failures and health are sampled from the prior; the more likely one is the decision.
-    """
+    """Failures (any actuator and kind) and health are sampled from the prior of the decision."""
     rng, claimed, correct = np.random.default_rng(5), [], []
     bank = hypothesis_bank(carts(1, 3, noise), (), CERTAIN, 2)
     for seed in range(250):
         fault = random_fault(rng, 3) if rng.random() < 0.5 else None
         onset = int(rng.choice(ONSETS))
         record = Record.of(carts(1, 3, noise), 2, [seed, 1], fault, onset)
-        _, decision = decided(record, bank=bank)
+        _, decision = decision_of(record, bank=bank)
         healthy = decision.fault_free_confidence > decision.actuator_confidence
         claimed.append(max(decision.fault_free_confidence, decision.actuator_confidence))
         isolated = None if healthy else decision.fault.actuator
@@ -72,7 +69,7 @@ def test_confidence_is_the_rate_of_correct_decisions(noise):
 def test_without_evidence_the_probabilities_are_the_priors(disturbed, uncertainty):
     """Causes and disturbances count as no failure."""
     silent = Record(carts(1, 4), 2, np.zeros((0, 4)), np.zeros((0, 4)))
-    _, decision = decided(silent, uncertainty=uncertainty, disturbed=disturbed)
+    _, decision = decision_of(silent, uncertainty=uncertainty, disturbed=disturbed)
     assert decision.fault_free_confidence == pytest.approx(1 / 2)
     assert decision.actuator_confidence == pytest.approx(1 / 2 / 4)
     # Locked, free, and three weak models are equally likely.
@@ -88,7 +85,7 @@ def test_a_loss_between_the_models_is_estimated(remaining, lost):
     fault = Fault(1, "weak", remaining * (1 - lost))
     record = Record.of(carts(2, 3), 2, 3, fault, 20, 60, size=5e-2, before=before)
     bank = hypothesis_bank(record.nominal, before, CERTAIN, 2)
-    _, decision = decided(record, np.arange(18, 23), bank=bank)
+    _, decision = decision_of(record, np.arange(18, 23), bank=bank)
     assert (decision.fault.actuator, decision.fault.kind) == (1, "weak")
     assert decision.fault.effectiveness == pytest.approx(fault.effectiveness, abs=0.03)
     assert decision.unexplained < 0.1
@@ -98,7 +95,7 @@ def test_a_loss_between_the_models_is_estimated(remaining, lost):
 def test_the_state_of_a_decision_is_that_of_the_failed_plant(kind):
     nominal, fault = carts(4), Fault(0, kind)
     record = Record.of(nominal, 2, 4, fault, onset=20, samples=40, size=5e-2)
-    _, decision = decided(record, np.arange(19, 22))
+    _, decision = decision_of(record, np.arange(19, 22))
     assert (decision.fault, decision.onset) == (fault, 20)
     expected, _ = failed_state(nominal, fault, record, 20)
     C = fault_model(nominal).C
@@ -116,7 +113,7 @@ def test_a_lock_off_the_models_position_is_estimated(seed):
     nudge = 3e-3 * np.concatenate([direction, [0.0, 0.0]])
     moved = outputs(nominal, 2, record.u, fault, 20, displaced=nudge)
     more = moved - outputs(nominal, 2, record.u, fault, 20)
-    _, decision = decided(replace(record, y=record.y + more), np.arange(19, 22))
+    _, decision = decision_of(replace(record, y=record.y + more), np.arange(19, 22))
     _, at_lock = failed_state(nominal, fault, record, 20, nudge)
     assert decision.fault == fault
     off = nominal.displacement[0] @ (decision.x - at_lock)
@@ -126,7 +123,7 @@ def test_a_lock_off_the_models_position_is_estimated(seed):
 def locked(y_more: np.ndarray, seed: int = 0):
     """Return evidence and decision of a lock at sample 20 of 60, with an added signal."""
     record = Record.of(carts(3), 2, seed, Fault(0, "locked"), 20, 60, size=5e-2)
-    return decided(replace(record, y=record.y + y_more), np.arange(18, 23))
+    return decision_of(replace(record, y=record.y + y_more), np.arange(18, 23))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -158,7 +155,7 @@ def test_the_parameter_deviation_does_not_depend_on_sensor_offsets():
     """Offsets of fifty standard deviations of noise do not change the plant parameters."""
     record = Record.of(carts(3, 3), 2, 4, Fault(1, "weak", 0.4), onset=6)
     sure, unsure = (
-        decided(replace(record, y=record.y + off), uncertainty=replace(WRONG, offset=100.0))[1]
+        decision_of(replace(record, y=record.y + off), uncertainty=replace(WRONG, offset=100.0))[1]
         for off in (0.0, 50.0)
     )
     assert 0 < sure.parameter_deviation < 10

@@ -22,7 +22,7 @@ def test_a_spiral_has_constant_speed_in_both_directions():
     speed = np.linalg.norm(np.diff(path, axis=0), axis=1)[2000:]
     assert speed.max() < 1.03 * speed.min()
     np.testing.assert_allclose(np.linalg.norm(path, axis=1), 1e-4 * np.sqrt(time_s / 16))
-    plain = spiral(time_s, 1e-4, 8, 16.0)  # for comparison: backwards from another start
+    plain = spiral(time_s, 1e-4, 8, 16.0)  # for comparison, backwards from another start
     bench = replace(TestbedConfig(), spiral_direction=-1, spiral_start_deg=90.0)
     np.testing.assert_allclose(bench.desired_rad(time_s), plain[:, ::-1], atol=1e-18)
 
@@ -48,7 +48,7 @@ def test_no_angle_is_demanded_beyond_the_limit_and_each_has_its_own():
 
 @pytest.mark.parametrize("anti_windup", [False, True])
 def test_an_integrator_at_its_limit_winds_up_without_anti_windup(anti_windup):
-    """After a sign change of the error it leaves the limit at once only with anti-windup."""
+    """The integrator leaves the limit at once after a sign change only with anti-windup."""
     bench = replace(TIGHT, anti_windup=anti_windup)
     controller, state, _ = demands(bench, 1000, [5e-6, 0.0])
     ticks = 0

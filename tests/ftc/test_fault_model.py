@@ -24,8 +24,6 @@ from tests.profiles import examples
 
 kinds = pytest.mark.parametrize("kind", KINDS)
 
-# The hexapod against MuJoCo.
-
 
 def simulate(
     plant: Plant, nominal: NominalModel, fault: Fault | None, onset: int, sent: np.ndarray
@@ -49,7 +47,7 @@ def simulate(
 
 @kinds
 @pytest.mark.parametrize("strut", range(6))
-def test_the_hexapod_moves_as_mujocos_with_a_failed_strut(strut, kind, model):
+def test_the_model_of_a_failed_strut_moves_as_in_mujoco(strut, kind, model):
     """The model is that of the healthy machine; a lock stops by an impact and stays locked."""
     nominal, rng = hexapod_rig().nominal, np.random.default_rng(strut)
     time_s = np.arange(240)[:, None] * nominal.period_s
@@ -62,22 +60,22 @@ def test_the_hexapod_moves_as_mujocos_with_a_failed_strut(strut, kind, model):
 
 
 def test_a_loose_strut_is_the_plant_that_is_linearized_without_its_spring(model):
-    """Without force and spring its rates agree with MuJoCo's own linearization."""
+    """The rates of the strut without force and spring agree with MuJoCo's own linearization."""
     nominal, broken, k = hexapod_rig().nominal, Plant(model), 6
     healthy = broken.linear()
     broken.break_loose(4)
-    without = broken.linear()  # about the same pose, which it is about to leave
+    without = broken.linear()
     assert nominal.spring is not None and nominal.preload is not None
     A = nominal.plant.A[k:] + np.outer(nominal.plant.B[k:, 4], nominal.spring[4])
     # The weight that the spring no longer carries turns with the flexures: 1e-4 of the stiffness.
-    moved = np.linalg.solve(healthy.C_twist[:, :k], without.C_twist[:, :k])  # of their coordinates
+    moved = np.linalg.solve(healthy.C_twist[:, :k], without.C_twist[:, :k])
     expected, tiny = moved @ without.A[k:, :k], 2e-4 * np.abs(A).max()
     np.testing.assert_allclose(A[:, :k] @ moved, expected, atol=tiny)
     with pytest.raises(ValueError, match="must have a spring for strut"):
         fault_model(replace(nominal, spring=None), [Fault(4, "loose")])
 
 
-def test_a_failure_leaves_one_fault_behind():
+def test_a_failure_becomes_one_fault():
     assert Fault.of(Failure(2, "weak", effectiveness=0.3)) == Fault(2, "weak", 0.3)
     assert Fault.of(Failure(1, "loose", effectiveness=0.3)) == Fault(1, "loose")
     with pytest.raises(TypeError, match="actuator must be a number here"):
@@ -90,12 +88,9 @@ def test_a_plant_without_positions_and_velocities_is_rejected():
         replace(carts(0, n=3), plant=plant)
 
 
-# Position servos against Newton.
-
-
 @kinds
 @pytest.mark.parametrize("n", [2, 5])
-def test_the_model_of_a_failed_servo_moves_as_newton_has_it(n, kind):
+def test_the_model_of_a_failed_servo_moves_by_newtons_law(n, kind):
     """Onset, released load and later commands agree to rounding."""
     plant, sent = servo_carts(n, n), random_walk(n, 400, np.random.default_rng(0))
     fault = Fault(1, kind, 0.4 * (kind == "weak"))
@@ -124,10 +119,7 @@ def test_a_weak_servo_rests_where_its_forces_balance():
     "seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in range(1, 8))]
 )
 def test_a_failed_servo_is_isolated_despite_model_errors(seed, kind):
-    """Masses, springs and servos have errors of some percent; two to five servos are loaded.
-
-    The run ends at the confirmation: the springs of a free cart are as uncertain.
-    """
+    """Masses, springs and servos have errors of some percent; runs end at the confirmation."""
     n = 2 + seed % 4
     model, rng = servo_carts(n, seed), np.random.default_rng(seed)
     wrong = {
@@ -178,7 +170,7 @@ def test_dampers_are_stepped_as_the_integrator_steps_them(
     integrator, eulerdamp, damping, kv, implicit
 ):
     """Step responses of a healthy plant and of one without a servo agree to 1 %."""
-    lifted = models.model(
+    lifted = models.model_of(
         "lifted",
         ('timestep="1e-4" integrator="Euler"', f'timestep="1e-3" integrator="{integrator}"'),
         ('eulerdamp="disable"', f'eulerdamp="{eulerdamp}"'),
@@ -192,8 +184,6 @@ def test_dampers_are_stepped_as_the_integrator_steps_them(
     error = np.abs(moved - expected).max(axis=1)
     assert (error < 0.01 * np.abs(moved).max(axis=1)).all()
 
-
-# Dry friction: Coulomb's law, an independent optimizer, and MuJoCo's plant.
 
 MASS, LIMIT, SOFTNESS, RATE = 2.0, 0.5, 0.05, 100.0
 STEP_S = 1e-3
@@ -233,7 +223,6 @@ def test_friction_forces_are_those_of_least_energy_within_the_limits(seed):
 
 
 FRICTION_FAULTS = [[], [Fault(1, "locked")], [Fault(0, "free")]]
-"""Faults of carts with dry friction."""
 
 
 def uncertain(nominal: NominalModel, faults: list[Fault], ticks: int = 4) -> UncertainModel:
@@ -274,7 +263,7 @@ def test_a_sample_is_its_ticks_and_its_deviations_are_differences(faults):
     assert np.abs(X[2]).max() > 1e-6
 
 
-def test_models_with_friction_move_together_as_each_alone():
+def test_a_batch_of_models_with_friction_equals_each_alone():
     models = [uncertain(carts_with_friction(2, 0.15), faults) for faults in FRICTION_FAULTS]
     alone = [np.zeros((len(model.M), 6)) for model in models]
     X = np.array(alone)[:, None]
@@ -289,7 +278,7 @@ def test_models_with_friction_move_together_as_each_alone():
 
 @pytest.mark.parametrize("integrator", ["implicitfast", "Euler"])
 @pytest.mark.parametrize("fault", [None, Fault(1, "locked"), Fault(1, "free")])
-def test_the_model_with_friction_moves_as_mujocos_plant(tmp_path, integrator, fault):
+def test_the_model_with_friction_moves_as_in_mujoco(tmp_path, integrator, fault):
     """The model sticks, slips and creeps like the plant, before and after a failure."""
     file = models.saved(tmp_path, "rubbing_arm", ("implicitfast", integrator))
     arm = load_model(file, add_locks=True)
@@ -307,8 +296,6 @@ def test_the_model_with_friction_moves_as_mujocos_plant(tmp_path, integrator, fa
     assert error[:150].max() < 3e-3 * size  # Euler makes only the dampers of joints implicit
     assert without[:150].max() > 0.1 * size
 
-
-# Static share of a weak actuator, against statics.
 
 SEEDS, NUMBERS = st.integers(0, 2**16), st.integers(1, 4)
 LEFT = st.floats(0.01, 1.0)
@@ -328,7 +315,7 @@ def test_a_weak_servo_reaches_its_command_within_the_compliance_of_its_load(seed
 
 
 @pytest.mark.parametrize("servo", [False, True])
-def test_without_force_no_command_moves_and_a_healthy_one_moves_all(servo):
+def test_an_actuator_without_force_moves_nothing_and_a_healthy_one_all(servo):
     """A coil moves in proportion to its remaining force, since its spring is unchanged."""
     assert static_share(carts(0), Fault(0, "weak", 0.3)) == pytest.approx(0.3)
     nominal = servo_carts(2, 0).nominal() if servo else carts(0)
@@ -339,7 +326,7 @@ def test_without_force_no_command_moves_and_a_healthy_one_moves_all(servo):
         assert used_share(nominal, Fault(0, kind)) == 0.0
 
 
-def test_a_mass_that_nothing_holds_is_moved_by_the_force_that_is_left():
+def test_an_unrestrained_mass_is_moved_by_the_remaining_force():
     """The static response is unbounded, but the ratio has a limit at frequency zero."""
     plant = control.ss([[0.0, 1.0], [0.0, 0.0]], [[0.0], [3.0]], [[1.0, 0.0]], 0)
     floating = NominalModel(plant, np.eye(1, 2), np.ones(1), period_s=2e-3, step_s=1e-3)

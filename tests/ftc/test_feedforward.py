@@ -73,8 +73,8 @@ def test_the_demands_are_the_least_squares_solution(backwards):
     after = [response(nominal, gain, np.eye(1, ticks).T * axis).T for axis in np.eye(m)]
     T = np.block([[toeplitz(h[row], np.zeros(ticks)) for h in after] for row in range(m)])
     weight, target = np.sqrt(WEIGHT), extended.T.ravel()
-    stacked = np.vstack([T, weight * np.eye(ticks * m)])
-    best = np.linalg.lstsq(stacked, np.concatenate([target, weight * target]), rcond=None)[0]
+    rows = np.vstack([T, weight * np.eye(ticks * m)])
+    best = np.linalg.lstsq(rows, np.concatenate([target, weight * target]), rcond=None)[0]
     best = best.reshape(m, ticks).T[: len(path)]
     result = inverse_feedforward(nominal, gain, path)
     np.testing.assert_allclose(result, best, atol=5e-4 * np.abs(best).max())

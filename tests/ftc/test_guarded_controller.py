@@ -31,17 +31,14 @@ class Proportional:
         self.gain = np.linalg.pinv(task.major_jacobian)
 
     def start(self) -> State:
-        """Return the state at rest."""
         return State(0, np.zeros(3))
 
     def step(self, state: State, reference: np.ndarray, measurement: Measurement) -> Any:
-        """Return inputs in proportion to the error."""
         assert measurement.output.dtype == measurement.displacement.dtype == float
         inputs = self.gain @ (reference - measurement.output)
         return self.bad(inputs) if state.tick == BAD else State(state.tick + 1, inputs)
 
     def bad(self, inputs: np.ndarray) -> Any:
-        """Return the state of the tick BAD."""
         return State(BAD + 1, inputs)
 
 
@@ -99,7 +96,7 @@ HERE = r"\(test_guarded_controller.py, line \d+\)"
     ],
 )
 def test_after_a_failure_the_last_inputs_are_held_and_the_reason_is_reported(bad, sentence):
-    """Before the failure the run equals that of a controller without failure to the bit."""
+    """The run before the failure equals that of a controller without failure to the bit."""
     healthy, failed = run(Proportional), run(failing(bad), limit_s=0.05)
     assert healthy.state.failure is None
     assert np.array_equal(failed.inputs[:BAD], healthy.inputs[:BAD])
@@ -137,8 +134,7 @@ def test_after_a_missing_reading_a_controller_continues():
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_a_controller_alters_neither_the_record_nor_what_it_was_sent(fails):
-    """Arguments and returned inputs are copied."""
+def test_a_controller_alters_neither_the_record_nor_its_arguments(fails):
 
     class Overwriting(Proportional):
         sent, calls = np.zeros(3), 0

@@ -31,7 +31,7 @@ from tests.ftc.small_stage import (
     simulate,
     stage,
 )
-from tests.hostile import Room, one_by_one, public, two_at_once
+from tests.hostile import Package, one_by_one, public, two_at_once
 
 M1, N = J.shape[0] - 1, J.shape[1]
 AT_REST: dict[str, Any] = {"reference": DESIRED, "measurement": READ}
@@ -71,7 +71,7 @@ def goal_of(joint_weight: Any, secondary_weight: Any, locked_at: Any, effectiven
 def tracking_of(A: Any, B: Any, C_twist: Any, C_active: Any) -> Any:
     """Return tracking with a linear model given by matrices."""
     linear = SimpleNamespace(A=A, B=B, C_twist=C_twist, C_active=C_active)
-    return tracking(**{**room().special["tracking"], "linear": linear})
+    return tracking(**{**package().special["tracking"], "linear": linear})
 
 
 TRUSTED = {
@@ -135,7 +135,7 @@ def separated(result: Any) -> Any:
 
 
 @cache
-def room() -> Room:
+def package() -> Package:
     """Return valid arguments of the small stage by parameter name."""
     s = stage()
     gained = control.ss(s.plant.A, s.plant.B @ s.plain.mapping.major_gain(), s.plant.C, 0)
@@ -218,12 +218,12 @@ def room() -> Room:
         "Uncertainty": dict.fromkeys(vars(Uncertainty()), 0.1) | {"delay_s": 1e-3},
         "Cost": cost,
     }
-    of = {
+    objects = {
         **{"PrioritizedController": s.plain, "GuardedController": s.guarded, "Dither": sinusoid},
         **{"Supervisor": s.supervisor, "Tracking": tracking(**tracked), "NominalModel": s.nominal},
         "Goal": Goal(free=(1,)),
     }
-    steps = [f"{name}.step" for name in (*of, "OracleController")]
+    steps = [f"{name}.step" for name in (*objects, "OracleController")]
     uses = {
         **dict.fromkeys(steps, lambda state: state.inputs),
         "PrioritizedController.transfer": lambda state: s.plain.step(state, **AT_REST).inputs,
@@ -255,18 +255,18 @@ def room() -> Room:
     gaps = {"Measurement": ("output", "displacement"), "GuardedController.step": ("measurement",)}
     gaps |= {"Supervisor.step": ("measurement",)}
     gaps["nominal_model_of"] = ("lower", "drive", "C")  # numpy removes the masks
-    return Room(
-        found=TARGETS,
+    return Package(
+        callables=TARGETS,
         good=good,
         special=special,
-        of=of,
+        objects=objects,
         uses=uses,
         gaps=gaps,
-        hard=(ftc.TaskLost, loops.NoResponse, loops.UnstableLoop),
-        spared={"tracking with options": [name for name in tracked if name != "noise"]},
+        unsolvable=(ftc.TaskLost, loops.NoResponse, loops.UnstableLoop),
+        excluded={"tracking with options": [name for name in tracked if name != "noise"]},
         slow=("tracking", "tracking with options", "tracking_of", "FdiConfig", "Uncertainty"),
     )
 
 
-test_a_hostile_argument_is_named_or_harmless = one_by_one(room, TARGETS)
-test_so_are_two_of_them = two_at_once(room)
+test_a_hostile_argument_is_reported_or_harmless = one_by_one(package, TARGETS)
+test_two_hostile_arguments_are_reported_or_harmless = two_at_once(package)

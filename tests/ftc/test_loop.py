@@ -15,7 +15,7 @@ from tests.ftc.small_stage import Still, stage
 
 
 @pytest.mark.parametrize("kind", ["controller", "supervisor"])
-def test_one_tick_after_the_other_is_the_loop(kind):
+def test_a_loop_equals_its_single_ticks(kind):
     """The reference is a loop written out here, equal to the bit."""
     rig = Rig.hexapod()
     controller: Any = getattr(rig, kind)()
@@ -37,11 +37,9 @@ class UserController:
     """Controller of a user without a feedforward argument."""
 
     def start(self) -> Any:
-        """Return zero inputs."""
         return SimpleNamespace(inputs=np.zeros(2))
 
     def step(self, state, reference, measurement):
-        """Return the reference as inputs."""
         return SimpleNamespace(inputs=reference)
 
 
@@ -49,7 +47,6 @@ class WithFeedforward(UserController):
     """Controller of a user with a feedforward argument."""
 
     def step(self, state, reference, measurement, *, feedforward=None):
-        """Return the feedforward as inputs, or else the reference."""
         return super().step(state, reference if feedforward is None else feedforward, measurement)
 
 
@@ -96,6 +93,6 @@ def test_a_batch_of_settings_is_each_setting_alone(has_friction):
     many = states(slice(None))
     for k in range(3):
         np.testing.assert_allclose(many[k], states(k), rtol=1e-12, atol=1e-15)
-    if has_friction:  # and a tick of it is that of the model
+    if has_friction:
         u = 0.2 * (reference[1, 7] - nominal.plant.C @ many[1, 7])
         np.testing.assert_allclose(whole.model.step(many[1, 7], u), many[1, 8], atol=1e-12)

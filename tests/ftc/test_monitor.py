@@ -18,11 +18,9 @@ from ftc.fdi.diagnosis import FdiConfig
 from ftc.fdi.monitor import DECISION_PERIOD_S, REVISION_PERIOD_S, Monitor, MonitorState
 from tests.ftc.carts import carts, simulate
 
-# Scripted decisions, in runs of noise with a shock.
-
 OFFSETS = replace(CERTAIN, offset=3.0, offset_rate=1.0)
 CONFIG = FdiConfig(uncertainty=OFFSETS, sample_s=10e-3)
-TICKS = 2  # of a sample
+TICKS = 2
 SHOCK = 140  # sample
 STATE = np.linspace(1, 2, 6) * 1e-3
 
@@ -165,7 +163,7 @@ def test_evidence_is_restarted_while_no_hypothesis_fits():
     assert min(isolated_faults(states)) >= SHOCK + 45 and first[SHOCK + 49] > SHOCK
 
 
-def test_after_an_unexplained_alarm_the_monitor_is_not_blind():
+def test_the_monitor_still_tests_after_an_unexplained_alarm():
     """The known spectrum is tested against from the next sample on while the new one is learned."""
     states = run_monitor(lambda sample: UNSURE, SHOCK + 190)
     given_up = min(sample for sample, state in states.items() if state.unexplained)
@@ -186,11 +184,8 @@ def test_an_alarm_is_dismissed_when_health_is_certain(free, over):
     assert (last.diagnosis, last.unexplained, last.alarm_ticks[0]) == (None, False, 282)
 
 
-def test_onsets_reach_as_far_back_as_stated():
-    """Onsets reach from the last sample to a second before it, with distances of ratio 1.25.
-
-    The prior is the tracked one plus the random walk of an offset over that second.
-    """
+def test_onsets_go_back_as_far_as_stated():
+    """Onsets go back one second at ratios of 1.25; the prior adds an offset's walk of that time."""
     state = run_monitor(lambda sample: UNSURE, SHOCK + 1, offset=20.0)[SHOCK]
     evidence = state.evidence
     assert evidence is not None
@@ -198,12 +193,12 @@ def test_onsets_reach_as_far_back_as_stated():
     assert back[0] == 0 and back[-1] <= 100 < 1.25 * back[-1] + 1
     np.testing.assert_array_equal(np.diff(back), np.maximum(1, np.round(0.25 * back[:-1])))
     first = next(each for each in state.history if each.number == evidence.onsets[0])
-    growth = evidence.prior.covariance - first.before.parameters.covariance
-    np.testing.assert_allclose(growth, np.eye(3), atol=1e-9)
+    increase = evidence.prior.covariance - first.before.parameters.covariance
+    np.testing.assert_allclose(increase, np.eye(3), atol=1e-9)
 
 
 @pytest.mark.parametrize(("shock", "is_learned"), [(78, True), (81, False)])
-def test_a_shock_while_the_plant_is_learned_is_no_alarm_but_learned(shock, is_learned):
+def test_a_shock_raises_an_alarm_only_after_the_plant_is_learned(shock, is_learned):
     """The shock is learned in the first 0.8 s, or 80 samples; later it raises an alarm."""
     states = run_monitor(lambda sample: UNSURE, shock + 1, shock=shock)
     state, before = states[shock], states[shock - 1].observer.spectrum.samples
@@ -245,9 +240,8 @@ LATER = {
     "more is left": (LOCKED, replace(LOCKED, unexplained=0.81), "unexplained"),
     "no fit": (LOCKED, MISFIT, "unexplained"),
     "nothing has failed": (LOCKED, replace(NULL, inflation=29.0), "withdrawn"),
-    # No hypothesis fits, so a probability means nothing: another event has occurred.
+    # No hypothesis fits, so probabilities are meaningless: another event has occurred.
     "nothing fits": (LOCKED, replace(NULL, inflation=31.0), "confirmed"),
-    # An intermittent actuator has not recovered.
     "it stops again": (AGAIN, replace(AGAIN, energy=1e6), "withdrawn"),
 }
 
@@ -283,10 +277,7 @@ def test_indistinguishable_kinds_are_listed():
 @pytest.mark.parametrize("inflation", [1.0, 2.0])
 @pytest.mark.parametrize(("part", "contradicts"), [(0.98, False), (1.02, True)])
 def test_a_contradiction_confirms_a_diagnosed_failure(part, inflation, contradicts):
-    """The energy grows by more than five samples of noise of three outputs do once in 100 hours.
-
-    The limit is scaled by the previous inflation, which also remains in use for later tests.
-    """
+    """The energy grows by more than noise does once in 100 hours, times the previous inflation."""
     scripted = replace(LOCKED, inflation=inflation)
     jump = part * inflation * chi2.isf(0.01 * 5 * 10e-3 / 3600, 5 * 3)
     states = changes_at(24, scripted, replace(scripted, energy=jump, inflation=25.0), SHOCK + 40)
@@ -347,8 +338,6 @@ def test_known_faults_of_other_actuators_remain(result, known):
     assert after.faults == known
 
 
-# Carts on springs: disturbances neither isolate an actuator nor hide a failure.
-
 TICK_S, HZ, ONSET, END = 5e-3, 5.0, 260, 460
 
 
@@ -364,15 +353,15 @@ def direction(seed: int) -> np.ndarray:
     return vector / np.linalg.norm(vector)
 
 
-def since(tick: int) -> float:
+def time_since(tick: int) -> float:
     """Return the time since the onset [s]."""
     return max(tick - ONSET, 0) * TICK_S
 
 
 TIMES: dict[str, Callable[[int], float]] = {
     "constant": lambda tick: float(tick >= ONSET),
-    "growing": since,
-    "hums as the dither": lambda tick: float(np.sin(2 * np.pi * HZ * since(tick))),
+    "growing": time_since,
+    "hums as the dither": lambda tick: float(np.sin(2 * np.pi * HZ * time_since(tick))),
 }
 DISTURBANCES = {
     ("act", "constant"): (1e-3, 0.1, 2),
@@ -384,9 +373,8 @@ DISTURBANCES = {
 }
 """Smallest and largest size, a force in displacements of commands or a signal in units of noise.
 
-The third number is that of the fifty runs that may isolate an actuator: two forces of 21 mm as a
-weakness of 0.7 or 0.5, for 1 s, never confirmed; one jump of a sensor; and forces of 2.0 to 2.5 mm
-at the frequency of the dither, which resemble an actuator that does not follow it.
+The third number is that of the fifty runs that may isolate an actuator: forces of 21 mm as an
+unconfirmed weakness for 1 s, one jump of a sensor, and forces at the frequency of the dither.
 """
 NIGHT = [pytest.mark.long, pytest.mark.night]
 
@@ -414,10 +402,7 @@ def test_disturbances_do_not_isolate_an_actuator(where, when, runs):
     ("seeds", "least"), [((5, 8), 2), pytest.param(range(20), 18, marks=NIGHT)]
 )
 def test_a_lock_after_a_bump_is_isolated_with_its_onset_or_not_at_all(seeds, least):
-    """A push lasts 30 ms; 0.6 s later an actuator locks.
-
-    In one of 20 runs it is weak at first. Locks of actuator 0 are visible too late for a test.
-    """
+    """The bump lasts 30 ms, the lock follows 0.6 s later; actuator 0 would be visible too late."""
     for seed in seeds:
         push, lock = 0.1 * direction(seed), Fault(1 + seed % 2, "locked")
 
@@ -445,11 +430,11 @@ EVENTS: dict[str, tuple[Cause, str, Callable[[float, np.ndarray], np.ndarray]]] 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.long) for k in (1, 2))])
 @pytest.mark.parametrize("name", EVENTS)
 def test_a_cause_is_identified_and_no_actuator_is_isolated(name, seed):
-    """Without causes among the hypotheses, half the supply would appear as a weak actuator."""
+    """The hypotheses include causes; else half the supply would appear as a weak actuator."""
     cause, where, event = EVENTS[name]
 
     def changed(tick: int, signal: np.ndarray) -> np.ndarray:
-        return signal if tick < ONSET else event(since(tick), signal)
+        return signal if tick < ONSET else event(time_since(tick), signal)
 
     how: Any = {where: changed}
     states = simulate(of_carts(1e3, 0.3, 0.3), seed, END, **how)
@@ -457,18 +442,13 @@ def test_a_cause_is_identified_and_no_actuator_is_isolated(name, seed):
     assert states[-1].causes[0] == cause
 
 
-# The diagnosis does not depend on the control rate.
-
 FAILS_S = 1.5
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("fault", [Fault(1, "locked"), Fault(2, "free")])
 def test_isolation_and_confirmation_take_the_same_time_at_each_rate(fault, seed):
-    """Alarms agree to 0.1 s; isolation takes a period of the dither more, confirmation 1 s.
-
-    The tolerance is the time to the next decision plus two samples of one tick.
-    """
+    """The tolerance is the time to the next decision plus two samples of one tick."""
     alarms_s, config = [], replace(DEFAULT_CONFIG, uncertainty=OFFSETS, dither_hz=HZ)
     for period_s in (20e-3, 10e-3, 5e-3):
         tested = monitor(replace(carts(0, n=3), period_s=period_s), config=config)
@@ -476,7 +456,7 @@ def test_isolation_and_confirmation_take_the_same_time_at_each_rate(fault, seed)
         states = simulate(tested, seed, ticks, fault=fault, fails=fails)
         filters = [state.observer.whitening for state in states[:fails]]
         made = np.flatnonzero([now is not then for then, now in pairwise(filters)])
-        assert (made[1:] % 50 == 0).all()  # after it has learned, of as many samples at any rate
+        assert (made[1:] % 50 == 0).all()  # after learning from equally many samples at any rate
         result = [state.diagnosis for state in states if state.diagnosis is not None]
         assert {each.fault for each in result} == {fault}
         first, last = result[0], result[-1]

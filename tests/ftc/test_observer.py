@@ -30,8 +30,6 @@ WRONG = replace(
     CERTAIN, gain=0.05, damping=0.2, offset=3.0, offset_rate=0.8, drift_rate=0.3, delay_s=1e-3
 )
 
-# Samples of carts, against covariances and sums of numpy.
-
 
 def cart_observer(uncertainty: Uncertainty, *faults: Fault, **options) -> Observer:
     bank = hypothesis_bank(carts(1), faults, uncertainty, 2)
@@ -50,7 +48,7 @@ def observe(kalman: Observer, y: np.ndarray, u: np.ndarray) -> list[ObserverStat
 LARGEST, LEARNS_S, FORGETS_S = 9.0, 0.3, 0.5
 
 
-def by_hand(model, state: ObserverState, v, y: np.ndarray | None) -> dict[str, np.ndarray]:
+def kalman_reference(model, state: ObserverState, v, y: np.ndarray | None) -> dict[str, np.ndarray]:
     """Compute a sample by a Kalman filter in Joseph's form, and a mean of products."""
     p, J = len(model.C), len(model.M) - 1
     moving = np.concatenate([state.X[0], v])
@@ -87,7 +85,7 @@ def by_hand(model, state: ObserverState, v, y: np.ndarray | None) -> dict[str, n
 @pytest.mark.parametrize("seed", range(4))
 def test_each_sample_is_that_of_a_kalman_filter_in_covariances(seed, monkeypatch):
     """Unmeasured samples, gated ones and those after them are included."""
-    monkeypatch.setattr(observer, "MEMORY_S", FORGETS_S)  # so that 150 samples forget
+    monkeypatch.setattr(observer, "MEMORY_S", FORGETS_S)  # so that 150 samples are the memory
     monkeypatch.setattr(observer, "LEARNING_S", LEARNS_S)
     record = Record.of(carts(1), 2, seed, samples=150, size=5e-2)
     kalman = cart_observer(WRONG, largest=LARGEST)
@@ -95,7 +93,7 @@ def test_each_sample_is_that_of_a_kalman_filter_in_covariances(seed, monkeypatch
     for sample, (u, y) in enumerate(zip(record.u, record.y, strict=True)):
         v = np.concatenate([u, before, [1.0]])
         given = None if sample in (60, 61, 90) else y + 30.0 * (sample == 120)
-        expected = by_hand(kalman.model, state, v, given)
+        expected = kalman_reference(kalman.model, state, v, given)
         samples, before = state.spectrum.samples, u
         state, _ = kalman.step(state, v, given)
         gated += given is not None and state.spectrum.samples == samples
@@ -137,7 +135,7 @@ def test_relearning_follows_the_new_residuals():
 
 
 def strongest(remaining: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """The most that cart 0, believed weak by half, may have of its force, while it has `left`."""
+    """Return the largest likely force of cart 0, assumed weak by half, with this real force."""
     weak = Fault(0, "weak", 0.5)
     kalman = cart_observer(replace(CERTAIN, gain=0.02), weak, weak=(weak,))
     y = outputs(carts(1), 2, u * np.column_stack([remaining, np.ones(len(u))]))
@@ -159,11 +157,7 @@ def test_without_motion_a_weak_actuator_may_be_healthy_two_seconds_later():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_remaining_force_of_a_weak_actuator_is_tracked(seed):
-    """The actuator gets weaker, recovers, and becomes twice as strong as a healthy one.
-
-    Commanded by the inverse of its largest effectiveness, it exceeds a healthy one by at most a
-    tenth.
-    """
+    """An actuator commanded by its tracked force exceeds a healthy one by at most a tenth."""
     u = np.cumsum(3e-2 * np.random.default_rng(seed).standard_normal((700, 2)), axis=0)
     remaining = np.interp(np.arange(700), [0, 100, 200, 500, 600, 700], [0.5, 0.5, 0.4, 1, 1, 2])
     seen = strongest(remaining, u)[50:]
@@ -171,8 +165,6 @@ def test_the_remaining_force_of_a_weak_actuator_is_tracked(seed):
     assert (does / np.maximum(1.0, remaining[50:])).max() < 1.1
     assert (seen - remaining[50:]).max() < 0.25
 
-
-# The filter of model errors, against batch least squares.
 
 J, P, OFFSET = 4, 2, 3.0
 
@@ -210,11 +202,8 @@ def solved(regressors, white) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_regressors_a_trillion_times_the_noise_leave_a_covariance(seed):
-    """The motion determines one direction far better than the others.
-
-    A covariance updated by differences is indefinite after three such samples.
-    """
+def test_regressors_a_trillion_times_the_noise_give_a_valid_covariance(seed):
+    """A covariance updated by differences is indefinite after three such samples."""
     rng = np.random.default_rng(seed)
     true = np.append(np.ones(J), np.full(P, OFFSET)) * rng.standard_normal(J + P)
     size = 10.0 ** rng.uniform(0, 12, (8, 1, P))
@@ -229,8 +218,6 @@ def test_regressors_a_trillion_times_the_noise_leave_a_covariance(seed):
     assert np.abs(innovations).max() < 6.0
 
 
-# Spectra of residuals, and the filters that whiten them.
-
 LAGS = 6
 
 
@@ -243,7 +230,7 @@ def test_a_filter_solves_the_equations_of_yule_and_walker(seed):
     for weights, c, own in zip(
         spectrum.filter().T, spectrum.covariance.T, residuals.T, strict=True
     ):
-        toeplitz = scipy.linalg.toeplitz(c[:LAGS]) + 1e-4 * c[0] * np.eye(LAGS)  # the ridge
+        toeplitz = scipy.linalg.toeplitz(c[:LAGS]) + 1e-4 * c[0] * np.eye(LAGS)
         expected = np.linalg.solve(toeplitz, c[1:])
         np.testing.assert_allclose(-weights[1:] / weights[0], expected, rtol=1e-9, atol=1e-11)
         assert np.convolve(own, weights, "valid").var() == pytest.approx(1.0, abs=0.15)
@@ -271,10 +258,7 @@ def test_the_variance_is_corrected_for_the_fit_to_few_residuals():
 
 @pytest.mark.parametrize("slow", [0.02, 0.05, 0.2])
 def test_a_decoupled_filter_whitens_slow_inputs(slow):
-    """Inputs of fifty times the noise, by a critically damped filter, get unit variance.
-
-    The gain is smaller, so that pure noise is attenuated, and the likelihood accounts for it.
-    """
+    """Inputs of fifty times the noise get unit variance; the likelihood accounts for the gain."""
     noise = Spectrum(np.zeros((LAGS + 1, 1)), np.eye(LAGS + 1, 1), 10**6)
     lags = slow * np.arange(LAGS + 1)
     inputs = scipy.linalg.toeplitz(2500 * (1 + lags) * np.exp(-lags)) + np.eye(LAGS + 1)
@@ -286,8 +270,6 @@ def test_a_decoupled_filter_whitens_slow_inputs(slow):
     fast = np.exp(1j * min(30 * slow, np.pi) * np.arange(LAGS + 1))
     assert abs(fast @ decoupled) > 0.5 * abs(fast @ plain)
 
-
-# Alarms and rates of false alarms.
 
 TICK_S = 4e-3
 dithers = pytest.mark.parametrize("dither_hz", [None, 20.0])
@@ -321,10 +303,7 @@ def test_an_alarm_is_the_shortest_sum_that_exceeds_its_quantile(seed, dither_hz)
 @dithers
 @pytest.mark.parametrize("outputs", [2, 8])
 def test_the_rate_of_false_alarms_is_at_most_as_stated(outputs, dither_hz):
-    """The fraction of white-noise samples in alarm is at most as stated, and at least half of it.
-
-    The samples are from independent records, so that the count is binomial.
-    """
+    """Independent records of white noise are in alarm at the stated rate, or down to half of it."""
     kalman = ResidualTest(outputs, 0.02 * 3600 / TICK_S, TICK_S, dither_hz)
     rng = np.random.default_rng(outputs)
     records, shape = 4000, kalman.start().shape

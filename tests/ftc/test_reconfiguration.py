@@ -36,11 +36,11 @@ def test_the_reconfigured_goal_contains_the_diagnoses():
         lost_displacement(nominal, each, [each.fault], commanded_m) for each in known
     )
     np.testing.assert_array_equal(locked, 0.0)
-    assert free[2] == pytest.approx(2e-6, rel=1e-2)  # no more than it was commanded
+    assert free[2] == pytest.approx(2e-6, rel=1e-2)  # at most its command
     assert weak[5] == 0.0  # it has already reached its final displacement
 
 
-def test_a_weak_coil_is_commanded_more_with_care():
+def test_commands_of_a_weak_coil_are_at_most_doubled():
     """The command is at most doubled; an actuator with less than half its force is not used."""
     nominal, commanded_m = hexapod_rig().nominal, np.full(6, 8e-6)
     most = diagnosis(Fault(5, "weak", 0.501), 4e-6, confirmed=True)
@@ -51,9 +51,6 @@ def test_a_weak_coil_is_commanded_more_with_care():
     assert goal_after(EQUAL, [gone], nominal, "locked").locked_at == {5: 0.0}
     lost = lost_displacement(nominal, gone, [gone.fault], commanded_m)
     assert lost[5] == pytest.approx(4e-6 - 0.4 * 8e-6, rel=1e-2)
-
-
-# Predicted errors.
 
 
 @cache
@@ -71,14 +68,14 @@ def test_the_predicted_error_is_that_of_the_linear_loop(kind):
     """The stepped controller has the error of the closed loop in matrices."""
     rig, controller, ahead = error_prediction()
     exact, remaining = copy.copy(controller), 0.5 if kind == "weak" else 0.0
-    exact.drives = DirectDrive()  # converters round
+    exact.drives = DirectDrive()  # by rounding of converters
     result = ahead.rms(exact, exact.start(), Scenario(1.0, [Fault(2, kind, remaining)], STILL))
     arguments = {"failures": [Failure(2, kind, 0.0)], "told": False, "noise": 0 * ahead.references}
     expected = rig.predict(ahead.references, **arguments).rms_after / rig.nominal.noise
     assert result == pytest.approx(np.linalg.norm(expected), rel=1e-6)
 
 
-def test_the_present_model_error_is_constant():
+def test_the_present_model_error_is_assumed_constant():
     """A difference of 3 urad between reading and model is assumed constant."""
     rig, exact, ahead = error_prediction()
     resting = replace(ahead, references=np.zeros((1, 2)), output=np.array([3e-6, 0.0]))
@@ -96,9 +93,6 @@ def test_a_prediction_ends_once_the_error_is_large_enough(part):
     assert part * whole * (1 - 1e-12) <= result <= whole if part < 1 else result == whole
 
 
-# Decisions by given errors.
-
-
 def should_switch(*cases: tuple[float, float, float]) -> tuple[bool, list]:
     """Return the decision and the predictions, for cases (probability, error now, error then)."""
     requested: list = []
@@ -107,7 +101,6 @@ def should_switch(*cases: tuple[float, float, float]) -> tuple[bool, list]:
 
     class Table(ErrorPrediction):
         def rms(self, controller, state, case, enough=np.inf):
-            """Return the given error, at most `enough`."""
             requested.append((controller, case.probability))
             return min(errors[controller, case.probability], enough)
 
@@ -124,13 +117,13 @@ COSTS = st.floats(1e-3, 1e3)
 @example(p=0.9, costs=(0.1, 0.1, 1.0, 1.0))  # smaller than noise of two rows
 @example(p=0.9, costs=(0.1, 0.1, 2.0, 2.0))
 @given(p=st.floats(0.51, 1.0), costs=st.tuples(COSTS, COSTS, COSTS, COSTS))
-def test_it_switches_if_the_expected_error_is_no_larger(p, costs):
+def test_the_controller_is_switched_if_the_expected_error_is_no_larger(p, costs):
     result, _ = should_switch((p, costs[0], costs[2]), (1 - p, costs[1], costs[3]))
     stay_cost, switch_cost = p * costs[0] + (1 - p) * costs[1], p * costs[2] + (1 - p) * costs[3]
     assert result == (switch_cost <= max(stay_cost, np.sqrt(2)))
 
 
-def test_one_chance_in_a_thousand_of_instability_is_enough_to_stay():
+def test_a_probability_of_instability_above_one_in_a_thousand_prevents_a_switch():
     assert not should_switch((0.999, 9.0, 0.1), (0.001, 9.0, np.inf))[0]
 
 
@@ -143,7 +136,7 @@ def test_impossible_scenarios_are_not_predicted():
 
 
 @pytest.mark.long
-def test_a_decision_looks_a_second_ahead_from_where_the_path_is(monkeypatch):
+def test_a_decision_predicts_one_second_from_the_present_place_on_the_path(monkeypatch):
     """The prediction replays the last second in reverse, for two scenarios of probability one."""
     rig, seen = Rig.hexapod(), []
 

@@ -14,7 +14,7 @@ from ftc.sensors import SensorState
 PERIOD_S = 1e-3
 CHECK = SensorCheck(PERIOD_S, limits=(10.0, 10.0))
 MESSAGES = "the task's sensor", "the commands are held"
-STUCK = 35  # ticks of the usual time
+STUCK = 35  # in ticks of the usual period
 SOON = 10  # ticks of a slower loop, for which random readings repeat now and then
 
 
@@ -40,7 +40,7 @@ NO_NUMBERS = [
 
 
 @given(st.lists(st.tuples(st.integers(-2, 13), st.integers(0, 9)), max_size=80))
-def test_the_rule_is_that_of_a_few_lines(spec):
+def test_the_sensor_rule_equals_its_definition(spec):
     """The reference evaluates the whole record, whose rows take one of a few values."""
     values = np.random.default_rng(1).normal(size=(10, 2))
     readings = [

@@ -41,8 +41,6 @@ from tests.random_systems import bits
 seeds = pytest.mark.parametrize("seed", range(3))
 servos = pytest.mark.parametrize("servo", [False, True])
 
-# Random mechanisms on springs and servos, and their dithers.
-
 LOOSE = Uncertainty(gain=0.03, stiffness=0.03, damping=0.2, delay_s=1e-3)
 
 
@@ -85,9 +83,6 @@ def random_dither(seed: int, n: int = 3, hz: float = 10.0) -> Dither:
     return Dither(1e-3, hz, tuple(rng.uniform(0.5, 1.0, size=n) * rng.choice([-1, 1], size=n)))
 
 
-# Steady states under a dither, of random mechanisms.
-
-
 FAULTS = [Fault(k, kind, 0.5 * (kind == "weak")) for k in range(3) for kind in KINDS]
 
 
@@ -122,14 +117,10 @@ NIGHT = [pytest.mark.long, pytest.mark.night]
 @pytest.mark.parametrize(
     ("servo", "tolerance"), [(False, 0.02), pytest.param(True, 0.1, marks=NIGHT)]
 )
-def test_for_long_times_separations_equal_the_isolability(row, seed, servo, tolerance, monkeypatch):
-    """The transient becomes negligible against the energy of the sinusoid, T / 2 |a|^2.
-
-    With free onsets, an explanation that starts at the end equals no failure. Both interpolate
-    between losses of a servo's force, but at different points.
-    """
+def test_separations_for_long_times_equal_the_isolability(row, seed, servo, tolerance, monkeypatch):
+    """The transient is negligible; with free onsets, an explanation at the end is no failure."""
     nominal, dither, time_s = mechanism(seed, servo=servo), random_dither(seed), 3.0
-    monkeypatch.setattr(separation, "_STEP_S", 0.01)  # of onsets, a tenth of a period
+    monkeypatch.setattr(separation, "_STEP_S", 0.01)  # step of onsets, a tenth of a period
     result = separations(nominal, dither, time_s)
     onset, times = 20, np.arange(round(time_s / nominal.period_s)) * nominal.period_s
     commanded = np.vstack([np.zeros((onset, 3)), [dither.at(time) for time in times]])
@@ -180,10 +171,7 @@ def random_phasors(
     ],
 )
 def test_separations_with_an_uncertain_model_match_sampled_machines(seed, servo):
-    """Means and covariances are those of phasors of sampled machines, and of noise.
-
-    Gains, springs and damping of each machine are sampled, and its own change is computed.
-    """
+    """The reference is the mean and covariance of phasors of sampled machines and of noise."""
     nominal, dither, T = mechanism(seed, servo=servo), random_dither(seed), 0.5
     samples, rng = 200, np.random.default_rng(seed)
     small = Uncertainty(0.01, 0.01, 0.05, delay_s=1e-4)
@@ -208,10 +196,7 @@ def test_separations_with_an_uncertain_model_match_sampled_machines(seed, servo)
 @pytest.mark.parametrize(("servo", "tolerance"), [(False, 1e-9), (True, 0.08)])
 @seeds
 def test_an_exact_model_separates_phasors_by_their_distance_in_noise(seed, servo, tolerance):
-    """Distances grow with amplitude and root of time; losses of force lie on a fine grid.
-
-    No grid point is nearer, or much nearer if the losses of a servo are interpolated.
-    """
+    """The reference is a fine grid of losses of force; distances grow with the root of time."""
     nominal, dither, T = mechanism(seed, servo=servo), random_dither(seed), 0.5 + seed
     result, size = separations(nominal, dither, T), np.sqrt(T / nominal.period_s / 2)
     assert list(result.faults) == FAULTS
@@ -233,11 +218,8 @@ def test_failures_at_the_threshold_are_confused_once_in_a_thousand():
     assert norm.cdf(-SEPARATION_THRESHOLD / 2) == pytest.approx(1e-3, rel=0.01)
 
 
-# Motions and sensors that separate failures.
-
-
 def test_groups_are_indistinguishable_and_a_sensor_separates_them():
-    """In phase, twins have the same signature; in antiphase, signatures of opposite sign."""
+    """Signatures of twins are equal in phase and opposite in antiphase."""
     nominal, known = twins(), (1.0,)
     step = Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
     result = separations(nominal, step, *known)
@@ -292,7 +274,7 @@ def test_no_random_dither_of_equal_cost_is_better_than_the_designed_one(seed, un
     """The designed dither uses its limits and lies in the null space."""
     nominal = mechanism(seed, servo=servo)
     plant, known = nominal.plant, (0.5, uncertainty)
-    J = (-plant.C @ np.linalg.solve(plant.A, plant.B))[:1]  # of the first output, at rest
+    J = (-plant.C @ np.linalg.solve(plant.A, plant.B))[:1]  # of the first output at rest
     N, frequencies = scipy.linalg.null_space(J), np.array([4.0, 16.0])
     cost = Cost(1e-3, np.asarray(plant.C)[:1], 1e-4)
     best = designed_dither(nominal, N, frequencies, cost, *known)
@@ -324,8 +306,8 @@ def test_a_task_without_null_space_gets_no_dither():
         assert len(result.separations.undetected()) == 9
 
 
-def test_for_the_hexapod_the_dither_is_the_heave():
-    """By symmetry the heave does not move the pointing, and every strut has its own direction."""
+def test_the_dither_of_the_hexapod_is_the_heave():
+    """Heave does not move the pointing by symmetry, and every strut has its own direction."""
     nominal, J_m = hexapod_rig().nominal, jacobian()[MAJOR]
     known, cost = (0.2, LOOSE), Cost(0.5e-6, np.asarray(nominal.plant.C), 1e-7)
     result = designed_dither(nominal, scipy.linalg.null_space(J_m), [20.0], cost, *known)
@@ -336,11 +318,8 @@ def test_for_the_hexapod_the_dither_is_the_heave():
     assert result.separations.least == pytest.approx(heave.least, rel=1e-3)
 
 
-# Symmetric machines: ties do not depend on round-off.
-
-
-def test_a_dither_is_the_same_however_its_freedom_is_given():
-    """Any spanning columns give the same dither, because the search starts from directions."""
+def test_a_dither_does_not_depend_on_the_basis_of_its_freedom():
+    """The search starts from directions, so that any spanning columns give the same dither."""
     nominal, rng = mechanism(0, n=4), np.random.default_rng(1)
     J = rng.normal(size=(1, 4))
     P = np.eye(4) - np.linalg.pinv(J) @ J
@@ -355,7 +334,7 @@ def test_a_dither_is_the_same_however_its_freedom_is_given():
 
 
 def test_equally_good_sensors_keep_their_order():
-    """Each sensor measures one of the twins and the third mass, with equal separations."""
+    """The sensors measure one of the twins and the third mass each, with equal separations."""
     nominal, step = twins(), Dither(1e-2, 5.0, (1.0, 1.0, 1.0))
     for seed in range(12):
         rng = np.random.default_rng(seed)
@@ -365,8 +344,6 @@ def test_equally_good_sensors_keep_their_order():
             ranked = ranked_sensors(nominal, sensors, step, 1.0)
             assert [int(each.name) for each in ranked] == list(order)
 
-
-# Transients: the hexapod on its spiral with a failure after 1.5 s.
 
 ONSET = 1500
 
@@ -446,7 +423,7 @@ def test_distances_are_the_same_at_twice_and_half_the_control_rate(kind):
     ],
 )
 def test_causes_are_far_from_every_failure(cause, offset_m, drift_m_per_s, supply, scale):
-    """On the spiral, d exceeds 6.2 within 0.2 s of the onset, before the loops react."""
+    """The distance on the spiral exceeds 6.2 within 0.2 s of the onset, before the loops react."""
     until, nominal = ONSET + 200, hexapod_rig().nominal
     since_s = ((np.arange(until) - ONSET) * nominal.period_s)[:, None]
     commanded, began = dithered(until)[1], since_s >= 0

@@ -24,8 +24,6 @@ from tests.ftc.hexapod import (
     supervisor,
 )
 
-# With scripted diagnoses.
-
 FADE = 500
 """Ticks of a handover."""
 
@@ -60,7 +58,7 @@ def test_the_last_confirmed_diagnosis_of_an_actuator_is_active():
 
 
 def test_isolated_failures_reconfigure_and_confirmed_ones_remain():
-    """After a second failure the goal has both, and the monitor continues from the first."""
+    """The goal after a second failure has both, and the monitor continues from the first."""
     isolated = diagnosis(Fault(1, "locked"), 3e-6)
     settled, other = replace(isolated, confirmed=True), diagnosis(Fault(4, "free"), 1e-6)
     healthy, first, known, both = supervised(None, isolated, settled, other)
@@ -100,7 +98,7 @@ def test_without_a_diagnosis_the_supervisor_is_its_controller_to_the_bit():
 
 
 def test_commands_are_constant_while_the_task_is_lost():
-    """With four locked struts the task is lost, after confirmation of the last one."""
+    """The task is lost with four locked struts, after confirmation of the last one."""
     locked = [diagnosis(Fault(k, "locked"), confirmed=True) for k in (0, 3, 1)]
     last = diagnosis(Fault(4, "locked"))
     again = diagnosis(Fault(0, "weak", 1.0), confirmed=True)
@@ -199,9 +197,6 @@ def test_the_status_describes_diagnosis_and_reaction():
         assert text in state.status
 
 
-# In simulation.
-
-
 @cache
 def rig(seed: int | None = None) -> Rig:
     return Rig.hexapod() if seed is None else Rig.hexapod(mismatch="all", seed=seed)
@@ -241,9 +236,6 @@ def test_a_calibration_lets_an_early_failure_be_isolated():
         controller.calibrated(run.state)
 
 
-# A supervisor that takes over during a run.
-
-
 @cache
 def controllers():
     """Return supervisors of the same and of another goal."""
@@ -261,7 +253,7 @@ def after_a_lock():
 
 
 @pytest.mark.parametrize("name", ["same goal", "another goal"])
-def test_a_supervisor_takes_over_the_diagnoses_without_a_step(name):
+def test_a_supervisor_takes_over_the_diagnoses_without_a_jump(name):
     """The reference is the tick of the previous supervisor."""
     controller, (state, reference, seen) = controllers()[name], after_a_lock()
     transferred = controller.transfer(state)

@@ -31,7 +31,7 @@ def mechanism(name: str) -> Mechanism:
     return Mechanism(robot(name))
 
 
-def closed(name: str, major: tuple[int, ...], **options: Any) -> Tracking:
+def tracking_of_loops(name: str, major: tuple[int, ...], **options: Any) -> Tracking:
     model = robot(name)
     plant = Plant(model, base=None)
     usual: dict[str, Any] = {
@@ -45,12 +45,12 @@ def closed(name: str, major: tuple[int, ...], **options: Any) -> Tracking:
 
 @cache
 def arm() -> Tracking:
-    return closed("arm", (0, 1))
+    return tracking_of_loops("arm", (0, 1))
 
 
 @cache
 def hand(sense: str) -> Tracking:
-    return closed("hand", (3, 4), crossover_hz=0.7, sense=sense)
+    return tracking_of_loops("hand", (3, 4), crossover_hz=0.7, sense=sense)
 
 
 def open_loop(track: Tracking, mapping=None, faults=()) -> control.StateSpace:
@@ -73,12 +73,12 @@ def test_the_crossover_is_the_highest_with_a_sensitivity_peak_of_1_7():
     """The peak is smaller below this crossover and too large above it."""
     result = arm().margins[0].crossover_hz
     assert peak(arm()) <= LARGEST_PEAK
-    assert peak(closed("arm", (0, 1), crossover_hz=1.05 * result)) > LARGEST_PEAK
-    assert peak(closed("arm", (0, 1), crossover_hz=0.95 * result)) < LARGEST_PEAK
+    assert peak(tracking_of_loops("arm", (0, 1), crossover_hz=1.05 * result)) > LARGEST_PEAK
+    assert peak(tracking_of_loops("arm", (0, 1), crossover_hz=0.95 * result)) < LARGEST_PEAK
 
 
 def test_the_loops_stay_stable_after_each_possible_lock():
-    """All closed-loop eigenvalues are stable, except that of the locked actuator, which is one."""
+    """Closed-loop eigenvalues are stable, except that of the locked actuator, which is one."""
     tested = 0
     for k in range(7):
         lock = Fault(k, "locked")
@@ -101,7 +101,7 @@ def test_the_loops_stay_stable_after_each_possible_lock():
 )
 def test_a_task_that_cannot_be_tracked_is_rejected_with_the_reason(name, major, options, message):
     with pytest.raises((TaskLost, ValueError), match=message):
-        closed(name, major, **options)
+        tracking_of_loops(name, major, **options)
 
 
 def settled(mapping, demand: np.ndarray):
@@ -119,14 +119,11 @@ def settled(mapping, demand: np.ndarray):
 
 @pytest.mark.parametrize("locked_at", [{}, {1: 2e-3}, {4: -3e-3}])
 def test_the_steps_end_at_the_optimum_of_the_curved_problem(locked_at):
-    """The reference is the least norm of joints that reach the position within limits, by SLSQP.
-
-    The task already contains a lock off centre, which must not be counted twice.
-    """
+    """The reference is SLSQP with limits; the lock off centre of the task must not count twice."""
     own, every, demand = mechanism("arm"), np.arange(7), np.array([2e-3, -4e-3, 3e-3])
     goal = replace(SEVEN, locked_at=locked_at)
     free, _ = settled(mapping_for(own, goal, POSITION), demand)
-    bound = 0.8 * float(np.abs(free).max())  # so that one at least is held back
+    bound = 0.8 * float(np.abs(free).max())  # at least one is at its bound
     box = (np.full(7, -bound), np.full(7, bound))
     commanded, _ = settled(mapping_for(own, goal, POSITION, box), demand)
     assert np.abs(commanded).max() == pytest.approx(bound, rel=1e-9)
@@ -149,7 +146,7 @@ def test_the_steps_end_at_the_optimum_of_the_curved_problem(locked_at):
 
 
 def test_the_posture_is_that_of_the_simulated_machine():
-    """Without gravity the servos at rest have their commanded displacements."""
+    """Servos at rest without gravity have their commanded displacements."""
     plant, own = Plant(robot("arm"), base=None), mechanism("arm")
     commanded = 1e-2 * np.array([1.0, -1.0, 0.5, 1.0, -0.5, 1.0, 0.2])
     for _ in range(400):
@@ -164,11 +161,7 @@ def test_the_posture_is_that_of_the_simulated_machine():
 @pytest.mark.parametrize("lock", [None, 0], ids=["healthy", "locked"])
 @pytest.mark.parametrize("sense", ["task", "joints", "both"])
 def test_the_diagnosis_outputs_of_closed_loops_are_linear(sense, lock):
-    """Commands that satisfy nonlinear loops deform the servos of linear ones.
-
-    The reference minimizes the strain energy of the four servos over the motions that the linear
-    loops admit; a locked actuator is a servo a million times as stiff.
-    """
+    """The reference is the least strain energy of the servos, a lock a million times as stiff."""
     track = hand(sense)
     posture = settled(track.mapping(Goal((1.0,) * 4)), np.array([2e-3, 3e-3]))[1]
     kinematics = ConstrainedSystem.of(track.model.jacobians(track.model.nominal)).kinematics()
@@ -191,11 +184,11 @@ def test_the_diagnosis_outputs_of_closed_loops_are_linear(sense, lock):
     np.testing.assert_allclose(seen, expected, rtol=1e-5, atol=1e-8)
 
 
-def test_both_sensors_together_are_those_of_each_alone():
+def test_two_sensors_have_the_outputs_of_each_alone():
     """The task is measured, not computed from the encoders, and each sensor has its own noise."""
     noise = np.arange(1.0, 7.0) * 1e-6
     task, joints, both = (
-        closed("hand", (3, 4), crossover_hz=0.7, sense=sense, noise=part)
+        tracking_of_loops("hand", (3, 4), crossover_hz=0.7, sense=sense, noise=part)
         for sense, part in (("task", noise[:2]), ("joints", noise[2:]), ("both", noise))
     )
     np.testing.assert_array_equal(both.diagnosis_model.noise, noise)

@@ -74,11 +74,8 @@ def predicted(nominal: NominalModel, uncertainty, fault: Fault | None, of: int) 
 @machines
 @failures
 @pytest.mark.parametrize("error", ["gain", "stiffness", "damping", "inertia"])
-def test_what_an_error_adds_is_the_difference_of_a_plant_that_has_it(seed, servo, fault, error):
-    """The errors are in mass, spring, damper or force of healthy and failed machines.
-
-    The stiffness and damping of a servo are lost with it, unlike those of the structure.
-    """
+def test_the_effect_of_an_error_is_the_difference_to_a_plant_with_it(seed, servo, fault, error):
+    """Errors are in mass, spring, damper or force; a lost servo loses its stiffness and damping."""
     body = struts(seed, servo)
     result = predicted(measured_model(body), replace(CERTAIN, **{error: 0.01}), fault, 4)
     others = [with_error(body, error, SMALL, k) for k in range(1 if error == "inertia" else 3)]
@@ -93,8 +90,8 @@ def test_what_an_error_adds_is_the_difference_of_a_plant_that_has_it(seed, servo
 @pytest.mark.parametrize(
     ("fault", "of", "close"), [*((f, 1, 1e-9) for f in FAULTS), (None, 4, 0.1)]
 )
-def test_a_delay_is_felt_as_commands_that_come_a_tick_later(seed, servo, fault, of, close):
-    """In a sample of four ticks the previous command applies for a quarter of it."""
+def test_a_delay_acts_as_commands_one_tick_later(seed, servo, fault, of, close):
+    """The previous command applies for a quarter of a sample of four ticks."""
     nominal, sent = measured_model(struts(seed, servo)), np.repeat(SENT, of, axis=0)
     late = np.vstack([np.zeros(3), sent[:-1]])
     result = predicted(nominal, replace(CERTAIN, delay_s=2e-3), fault, of)[:, 1]

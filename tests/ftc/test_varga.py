@@ -27,8 +27,6 @@ from ftc.fdi.uncertainty import uncertain_model
 from tests.ftc.carts import Record, gathered, outputs_of
 from tests.ftc.spectra import spectrum_of, whitened
 
-# The aircraft and its published data.
-
 A = np.array(
     [
         [-0.4492, 0.046, 0.0053, -0.9926],
@@ -99,7 +97,7 @@ def sampled() -> control.StateSpace:
     return control.c2d(whole, PERIOD_S)
 
 
-SIGMA = np.full(2, OUTPUT_NOISE / np.sqrt(12))  # of uniform noise of this width
+SIGMA = np.full(2, OUTPUT_NOISE / np.sqrt(12))  # standard deviation of uniform noise
 PLANT = sampled()[:, :2]
 ALONE, TOGETHER = [1, 2, 3, 6], [4, 5, 7, 8]  # models with one actuator weak, with both
 
@@ -170,9 +168,6 @@ def kalman_decisions(y: np.ndarray) -> np.ndarray:
         smooth = lfilter([0, (1 - pole) / 10], [1, -pole], squared)
         signals.append(0.9 * np.sqrt(squared) + 0.1 * np.sqrt(smooth))
     return np.argmin(signals, axis=0)
-
-
-# Results of this library.
 
 
 def test_the_published_distances_are_reproduced_at_unit_noise():
@@ -273,8 +268,8 @@ def test_the_bank_isolates_one_weak_actuator_and_its_effectiveness(k, gusts, err
         assert_isolated(decision, int(EFFECT[k, 0] == 1), EFFECT[k].min(), error)
 
 
-def test_the_bank_measures_a_weakness_that_is_none_of_the_nine():
-    """With 0.7 of the aileron the choice of the nine filters wanders, also to the rudder."""
+def test_the_bank_estimates_a_weakness_between_the_nine_models():
+    """The nine filters' choice with 0.7 of the aileron wanders, also to the rudder."""
     y = measured((0.7, 1.0), np.random.default_rng(0), gusts=False)
     assert_isolated(decide_at(input_fault_bank(), y, 300), 0, 0.7)
     assert len(set(kalman_decisions(y)[100:])) > 2
@@ -282,11 +277,7 @@ def test_the_bank_measures_a_weakness_that_is_none_of_the_nine():
 
 @pytest.mark.parametrize("k", TOGETHER)
 def test_two_weak_actuators_leave_residuals_until_one_is_known(k):
-    """The bank has no such hypothesis; its best one may still be isolated.
-
-    The limit of the unexplained energy is relative: a hundred times the noise is little of these
-    large motions. With the loss of the aileron known, that of the rudder is isolated.
-    """
+    """The bank has no such hypothesis; its best one may be isolated, as the motions are large."""
     y = measured(EFFECT[k], np.random.default_rng(k), gusts=False)
     early, *later = (decide_at(input_fault_bank(), y, tick) for tick in (20, 100, 300))
     assert early.inflation > 2

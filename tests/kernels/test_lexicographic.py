@@ -14,9 +14,6 @@ INF = np.inf
 LONG = pytest.mark.long
 
 
-# Batches of small problems, as the kernel solves them.
-
-
 @dataclass(frozen=True)
 class Batch:
     """Batch of B problems of one shape: levels A (B, k, n), b (B, k), and bounds (B, n)."""
@@ -38,7 +35,7 @@ def one(levels: Any, lower: Any, upper: Any) -> Batch:
     return Batch(made, np.array(lower, float)[None], np.array(upper, float)[None])
 
 
-class Found(NamedTuple):
+class KernelOutput(NamedTuple):
     """Outputs of the kernel."""
 
     x: np.ndarray
@@ -58,12 +55,11 @@ def kernel(
     combined: bool = False,
     damping: Sequence[float] | None = None,
     most: int = 1000,
-    room: float = 0.0,
-) -> Found:
+    fill: float = 0.0,
+) -> KernelOutput:
     """Solve a batch: cold, or warm from (x, state).
 
-    |x| is made least at last, before it |weight (x - wanted)| if given; `room` is what the kernel
-    finds in the room for its work.
+    |x| is minimized last, before it |weight (x - wanted)| if given; `fill` fills the workspace.
     """
     count, n = len(batch.levels[0][0]) if batch.levels else len(batch.lower), batch.lower.shape[1]
     A = np.concatenate([np.zeros((count, 0, n)), *(A for A, _ in batch.levels)], axis=1)
@@ -81,7 +77,7 @@ def kernel(
     shape = count, n, len(batch.levels), count, len(batch.lower), most, start is not None, combined
     fields = (*shape, RANK, pointer(ends), damped, weighed)
     problem = ffi.new("lexicographic_problem *", fields)
-    work = np.full(lib.lexicographic_room(problem), room)
+    work = np.full(lib.lexicographic_room(problem), fill)
     report = np.zeros((count, 4))
     made = goal, work, x, state, report
     ranks = np.append(np.zeros(scales.size, np.int32), np.int32(-9))
@@ -89,13 +85,15 @@ def kernel(
     assert ranks[-1] == -9, "more ranks than levels"
     for each, copy in zip(given, before, strict=True):
         assert each.tobytes() == copy.tobytes(), "an input was written"
-    assert ((batch.lower <= x) & (x <= batch.upper)).all(), "a bound is not kept"
+    assert ((batch.lower <= x) & (x <= batch.upper)).all(), "a bound is violated"
     for side, bound in ((-1, batch.lower), (1, batch.upper)):
         at = state == side
-        assert (x[at] == np.broadcast_to(bound, x.shape)[at]).all(), "an active bound is not met"
+        assert (x[at] == np.broadcast_to(bound, x.shape)[at]).all(), (
+            "x differs from an active bound"
+        )
     steps, ended = report[:, 0].astype(int), report[:, 1] > 0
     gap = report[:, 2:].min(axis=1)
-    return Found(x, state, steps, ended, gap, ranks[:-1].reshape(scales.shape))
+    return KernelOutput(x, state, steps, ended, gap, ranks[:-1].reshape(scales.shape))
 
 
 def unlimited(batch: Batch) -> Batch:
@@ -104,7 +102,7 @@ def unlimited(batch: Batch) -> Batch:
     return Batch(batch.levels, -side, side)
 
 
-def starts(rng: np.random.Generator, batch: Batch) -> list[Found]:
+def starts(rng: np.random.Generator, batch: Batch) -> list[KernelOutput]:
     """Yield solutions from a cold start, and warm from unbounded optima, far points, vertices."""
     shape = batch.lower.shape
     states = rng.integers(-1, 2, shape), rng.choice([-1, 1], shape)
@@ -162,7 +160,7 @@ def random_batch(
     return Batch(levels, lower, upper)
 
 
-def known(batch: Batch) -> Known:
+def enumerate_batch(batch: Batch) -> Known:
     """Return the solutions by enumeration."""
     return enumerated(batch.levels, batch.lower, batch.upper)
 
@@ -170,7 +168,7 @@ def known(batch: Batch) -> Known:
 def assert_equal_solutions(batch: Batch, x: np.ndarray, known: Known) -> None:
     """Assert equal residuals, and equal x if determined, unless a rank is uncertain."""
     clear = known.gap > 100
-    assert clear.mean() > 0.6  # of six problems
+    assert clear.mean() > 0.6
     allowed = 1e-10 * known.condition
     for k in range(len(batch.levels)):
         got, size = batch.residuals(k, x)
@@ -199,28 +197,25 @@ def worst(batch: Batch, k: int, x: np.ndarray) -> float:
     return certificate(levels, batch.lower[k], batch.upper[k], x[k])
 
 
-# Against oracles.
-
-
 @pytest.mark.parametrize(
     ("seed", "count", "heavy"),
     [(0, 12, 4), *(pytest.param(k, 100, 12, marks=LONG) for k in range(1, 11))],
 )
-def test_enumeration_of_active_sets_finds_no_better_answer(seed, count, heavy):
+def test_enumeration_of_active_sets_finds_no_better_solution(seed, count, heavy):
     """Check problems of each shape, some with rows of different weights."""
     rng = np.random.default_rng(seed)
     for n, rows in SHAPES:
         batch = random_batch(rng, count, n, rows)
-        best = known(batch)
+        best = enumerate_batch(batch)
         for result in starts(rng, batch):
             assert result.ended.all()
             assert_equal_solutions(batch, result.x, best)
         batch = random_batch(rng, heavy, n, rows, heavy=True)
-        clear = np.flatnonzero(known(batch).gap > 100).tolist()
+        clear = np.flatnonzero(enumerate_batch(batch).gap > 100).tolist()
         for result in starts(rng, batch):
             assert result.ended.all()
             assert max((worst(batch, k, result.x) for k in clear), default=0.0) < 1e-6
-        # Where x meets all rows, so those that are 1e8 times as light as others of their level.
+        # Where x satisfies all rows, including those of 1e-8 times the weight.
         x = rng.normal(size=(heavy, n))
         result = kernel(
             unlimited(replace(batch, levels=[(A, times(A, x)) for A, _ in batch.levels]))
@@ -240,9 +235,6 @@ def test_the_conditions_of_an_optimum_hold_in_many_unknowns(seed, count):
             assert max(worst(batch, k, result.x) for k in range(2)) < 1e-9
 
 
-# Starts.
-
-
 def test_a_warm_start_leaves_a_suboptimal_vertex():
     """Check that round-off of a level satisfied there keeps no bound active (1 of 3,000 failed)."""
     rng, shape = np.random.default_rng(0), (20_000, 4)
@@ -258,10 +250,7 @@ def test_a_warm_start_leaves_a_suboptimal_vertex():
 
 
 def test_no_bound_is_active_due_to_a_zero_direction():
-    """Check a level with target beyond the bound of x_1 and round-off in x_3, which must be free.
-
-    What counts as zero, 7e-12 of the size, turns what the level leaves by 1e-9: towards x_1.
-    """
+    """Check a level with target beyond the bound of x_1; x_3 has round-off and must be free."""
     A = [[0.0, 1.0, 0.0], [5e-3, 0.0, 5e-12], [0.0, 0.0, 7e-12]]
     batch = one([(A, [1.0, -1.0, 0.0])], [0.0, -INF, -3.0], [3.0, INF, 3.0])
     for third in (-3.0, 0.5, 3.0):
@@ -271,13 +260,10 @@ def test_no_bound_is_active_due_to_a_zero_direction():
         assert result.gap > 1.0
 
 
-# By hand.
-
-
 @pytest.mark.parametrize(
     ("levels", "lower", "upper", "x"),
     [
-        ([], [-1, 1, -INF], [1, 2, -3], [0, 1, -3]),  # no levels: the nearest to zero
+        ([], [-1, 1, -INF], [1, 2, -3], [0, 1, -3]),  # without levels, the nearest to zero
         ([(np.zeros((0, 2)), []), ([[1, 1]], [2])], [-9, -9], [9, 9], [1, 1]),  # no rows
         ([(np.zeros((2, 2)), [7, 7]), ([[1, 1]], [2])], [-9, -9], [9, 0.5], [1.5, 0.5]),
         ([([[2.0]], [3]), ([[1.0]], [0])], [-INF], [INF], [1.5]),
@@ -286,11 +272,11 @@ def test_no_bound_is_active_due_to_a_zero_direction():
         ([([[1, 1, 0]], [3]), ([[1, -1, 0]], [0])], [-INF, -INF, 0.5], [1, INF, INF], [1, 2, 0.5]),
         ([(1e100 * np.eye(2), [3e100, -3e100])], [-1, -INF], [1, INF], [1, -3]),
         ([(np.eye(2), [3e100, -3e100])], [-1e100, -INF], [1e100, INF], [1e100, -3e100]),
-        ([([[1e-200, 0]], [3e-200]), (np.eye(2), [1, 1])], [-9, -9], [9, 9], [1, 1]),  # as zero
+        ([([[1e-200, 0]], [3e-200]), (np.eye(2), [1, 1])], [-9, -9], [9, 9], [1, 1]),
         ([([[1, 5e-324]], [1])], [-9, -9], [9, 9], [1, 0]),
     ],
 )
-def test_exact_solutions(levels, lower, upper, x):
+def test_small_problems_have_exact_solutions(levels, lower, upper, x):
     batch = one(levels, lower, upper)
     far = np.full((1, len(x)), 1e9), np.zeros((1, len(x)))
     for result in (kernel(batch), kernel(batch, start=far)):  # no round-off of 1e9 is left
@@ -330,20 +316,18 @@ def test_degenerate_problems_end_and_are_optimal(n):
             assert max(worst(batch, k, result.x) for k in range(10)) < 1e-9
 
 
-# What changes nothing.
-
 COUNT = 150
 
 
 @pytest.fixture(scope="module")
 def sample() -> tuple[Batch, Known]:
     batch = random_batch(np.random.default_rng(0), COUNT, 4, (2, 3))
-    return batch, known(batch)
+    return batch, enumerate_batch(batch)
 
 
-def assert_same(result: Found, other: Found) -> None:
+def assert_same(result: KernelOutput, other: KernelOutput) -> None:
     """Assert bit-wise equality."""
-    for name, a, b in zip(Found._fields, result, other, strict=True):
+    for name, a, b in zip(KernelOutput._fields, result, other, strict=True):
         assert a.tobytes() == b.tobytes(), name
 
 
@@ -351,7 +335,7 @@ def assert_same(result: Found, other: Found) -> None:
     ("base", "most", "size"),
     [(2, 300, 1.0), (10, 90, 1.0), *((1, 0, size) for size in (2.0**-300, 2.0**300, 3e-90, 7e90))],
 )
-def test_units_change_nothing_and_powers_of_two_not_a_bit(sample, base, most, size):
+def test_units_change_no_solution_and_powers_of_two_no_bit(sample, base, most, size):
     """Check a unit for each level, or another one for x."""
     batch, best = sample
     units = float(base) ** np.random.default_rng(1).integers(-most, most + 1, (2, COUNT))
@@ -379,7 +363,7 @@ def test_a_batch_equals_its_problems_bit_by_bit(sample):
         only = slice(k, k + 1)
         levels = [(A[only], b[only]) for A, b in batch.levels]
         alone = kernel(Batch(levels, batch.lower[only], batch.upper[only]))
-        assert_same(alone, Found(*(each[only] for each in whole)))
+        assert_same(alone, KernelOutput(*(each[only] for each in whole)))
 
 
 def test_x_does_not_depend_on_the_initial_workspace(sample):
@@ -388,7 +372,7 @@ def test_x_does_not_depend_on_the_initial_workspace(sample):
     for weight in ([1.0, 2.0, 3.0, 4.0], [1.0, 1.0, 0.0, 0.0]):
         kinds.append({"weight": np.array(weight)})
     for others in kinds:
-        assert_same(kernel(batch, room=np.nan, **others), kernel(batch, room=1e300, **others))
+        assert_same(kernel(batch, fill=np.nan, **others), kernel(batch, fill=1e300, **others))
 
 
 def test_too_few_steps_leave_x_within_bounds_with_status_unfinished(sample):
@@ -402,9 +386,6 @@ def test_too_few_steps_leave_x_within_bounds_with_status_unfinished(sample):
         assert (result.steps <= most).all()
         unfinished += np.count_nonzero(~result.ended)
     assert unfinished > COUNT
-
-
-# Damping and weights.
 
 
 WEIGHTS = [
@@ -421,7 +402,7 @@ WEIGHTS = [
 def test_a_weighted_norm_is_its_rows_after_the_last_level_or_in_it(sample, weight, combined):
     batch, w = sample[0], np.ones(4) if weight is None else np.array(weight)
     first, (A, b) = batch.levels
-    size = sizes(A) + (sizes(A) == 0)  # that of the last level becomes one
+    size = sizes(A) + (sizes(A) == 0)  # the factor of the last level is one
     A, b = A / size[:, None, None], b / size[:, None]
     batch = replace(batch, levels=[first, (A, b)])
     wanted = np.random.default_rng(0).normal(size=batch.lower.shape)
@@ -431,7 +412,7 @@ def test_a_weighted_norm_is_its_rows_after_the_last_level_or_in_it(sample, weigh
     more = replace(batch, levels=[first, *(last if combined else [(A, b), (rows, goal)])])
     result, best = (
         kernel(batch, weight=weight and w, wanted=wanted, combined=combined).x,
-        known(more),
+        enumerate_batch(more),
     )
     clear = best.gap > 100
     weighed = np.linalg.norm(w * (result - best.x), axis=1) / (1 + np.linalg.norm(goal, axis=1))
@@ -467,7 +448,7 @@ def test_the_gap_equals_that_of_the_singular_values_within_20():
     assert (result.gap >= true / 20).all()
     inverse = np.where(sigma > least, 1 / sigma, 0.0)
     x = times(V, inverse * times(U.mT, b))
-    # What is left out, up to RANK of the size, turns the others.
+    # Omitted terms, up to RANK of the size, rotate the others.
     large = inverse.max(axis=1)
     off = np.linalg.norm(result.x - x, axis=1) / np.linalg.norm(x, axis=1)
     assert (off < 10 * RANK * large**2 + 1e-13 * large)[true > 1.01].all()

@@ -29,12 +29,12 @@ def test_a_motion_closes_the_loops_then_moves_the_drives():
     active, fixed = np.array([4, 5, 6]), np.array([2, 0])
     here, wanted = np.zeros(3), 1e-3 * rng.normal(size=3)
     of = Struct("drives_model", N=7, n=3, active=active)
-    motion, room = np.empty(7), np.empty(lib.nearest_room(3, 2, 0, 7))
+    motion, workspace = np.empty(7), np.empty(lib.nearest_room(3, 2, 0, 7))
 
     def nearest(fixed, gaps, wanted):
         return lib.nearest_motion(
             *(of.pointer, 3, pointer(J_C), len(gaps), pointer(gaps), len(fixed), pointer(fixed)),
-            *(pointer(wanted), pointer(here), pointer(room), pointer(motion)),
+            *(pointer(wanted), pointer(here), pointer(workspace), pointer(motion)),
         )
 
     assert nearest(fixed, gaps, wanted) == lib.MOTION_SOLVED
@@ -66,7 +66,7 @@ def test_a_posture_equals_mujoco_at_its_joint_positions(name):
     pose = moved.pose
     computed_anew = Pose(pose.rotation, pose.translation_m).displacement()
     np.testing.assert_array_equal(mechanism.task(moved), computed_anew)
-    pose.displacement()[:] = np.nan  # the caller's own
+    pose.displacement()[:] = np.nan
     np.testing.assert_array_equal(pose.displacement(), computed_anew)
     arrays = moved.qpos, pose.rotation, pose.translation_m, moved.J_T, moved.J_C, moved.gaps
     assert not any(array.flags.writeable for array in (*arrays, moved.displacements))

@@ -8,7 +8,7 @@ from fjh.rig.hexapod.closed_form import Hexapod
 from kernels import lib, pointer
 from sim import Bench, Plant, Pose, load_model
 from sim.plant import TaskSensor
-from tests.sim.machines import started
+from tests.sim.machines import plant_of
 
 seeds = pytest.mark.parametrize("seed", range(8))
 
@@ -72,7 +72,7 @@ def test_the_largest_gap_is_that_of_the_rows_that_count():
 
 
 @pytest.mark.parametrize("bad", [0.0, np.nan, np.inf])
-def test_the_largest_gap_in_its_unit_hides_none_that_is_not_finite(bad):
+def test_the_largest_gap_is_not_finite_if_any_gap_is_not(bad):
     gaps, units = np.random.default_rng(0).normal(size=(2, 9))
     gaps[4] += bad
     result = lib.largest(pointer(gaps), pointer(units), 7)
@@ -82,7 +82,7 @@ def test_the_largest_gap_in_its_unit_hides_none_that_is_not_finite(bad):
 @pytest.mark.parametrize("mixed", [False, True], ids=["hexapod", "tendon and joint"])
 def test_a_log_equals_the_state_of_the_plant_at_each_tick(mixed):
     """Check drives of both kinds, with world axes."""
-    plant = started("drives") if mixed else Plant(load_model())
+    plant = plant_of("drives") if mixed else Plant(load_model())
     sensors, period_s = TaskSensor([0], 0.0, 0.0, seed=0), plant.model.opt.timestep * 4
     bench = Bench(plant, sensors, time_s=np.arange(3.0), period_s=period_s, log_qpos=True)
     for tick in range(3):

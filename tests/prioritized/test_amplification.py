@@ -10,7 +10,7 @@ from tests import spaces
 from tests.random_systems import failures, rows_of, systems
 
 
-def units(rng: np.random.Generator, size: int, count: int = 200) -> np.ndarray:
+def unit_vectors(rng: np.random.Generator, size: int, count: int = 200) -> np.ndarray:
     """Return random directions, shape (count, size)."""
     sample = rng.normal(size=(count, size))
     return sample / np.linalg.norm(sample, axis=1, keepdims=True)
@@ -21,7 +21,7 @@ def test_no_rates_of_unit_norm_move_the_task_faster_than_the_gain(data, sample):
     kin = data.draw(failures(sample.system)).kinematics()
     major = rows_of(data, len(kin.J))
     report, Z = kin.manipulability(major), spaces.null(kin.active_constraint)
-    speeds = np.linalg.norm(units(sample.rng, Z.shape[1]) @ (kin.J[major] @ Z).T, axis=1)
+    speeds = np.linalg.norm(unit_vectors(sample.rng, Z.shape[1]) @ (kin.J[major] @ Z).T, axis=1)
     assert np.all(speeds <= report.largest_gain * (1 + 1e-9) + 1e-9)
     gains = np.linalg.svd(kin.J[major] @ Z, compute_uv=False)
     assert report.largest_gain == pytest.approx(gains.max(initial=0.0), abs=1e-9)
@@ -34,13 +34,13 @@ def test_a_servo_error_grows_by_the_amplification_at_worst(data, sample):
     kin, rng = sample.system.kinematics(), sample.rng
     major, n = rows_of(data, len(kin.J)), len(kin.active)
     mapping = kin.velocity_mapping(major, joint_weight=rng.uniform(0.5, 2, n))
-    Z, v = spaces.null(kin.active_constraint), units(rng, len(major))
+    Z, v = spaces.null(kin.active_constraint), unit_vectors(rng, len(major))
     rates = mapping(v)
     assert np.all(np.linalg.norm(rates, axis=1) <= mapping.largest_gain * (1 + 1e-9))
     if not Z.size or not mapping.largest_gain:
         return
     J_m = kin.J[major] @ Z
-    errors = 0.01 * np.linalg.norm(rates, axis=1)[:, None] * units(rng, Z.shape[1])
+    errors = 0.01 * np.linalg.norm(rates, axis=1)[:, None] * unit_vectors(rng, Z.shape[1])
     moved = np.linalg.norm(errors @ J_m.T, axis=1)
     assert np.all(moved <= 0.01 * mapping.amplification * (1 + 1e-9))
     slowest, fastest = np.linalg.svd(mapping.major)[2][0], np.linalg.svd(J_m)[2][0]
@@ -62,7 +62,7 @@ def test_the_closure_condition_is_that_of_the_passive_columns(data, sample):
 
 
 @pytest.mark.parametrize("gain", [99.0, 101.0])
-def test_texts_report_large_amplifications_only(gain):
+def test_texts_report_only_large_amplifications(gain):
     """Check an actuator slower by `gain`, and a loop whose second equation is scaled by `gain`."""
     large = gain > 100
     slow = ConstrainedSystem(np.diag([1.0, 1.0 / gain]), None, [0, 1]).kinematics()

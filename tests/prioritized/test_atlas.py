@@ -29,17 +29,17 @@ def assert_classified(classes, row: int, system: ConstrainedSystem, major, secon
         assert getattr(classes, flag)[row] == getattr(report, flag), flag
     assert classes.possible[row] == (not report.unmanipulable and not report.unstable_major)
     np.testing.assert_allclose(classes.worst_gain[row], report.worst_gain, atol=1e-7)
-    # Singular values of the major task on the rates that the loops admit.
+    # Singular values of the major task on admissible rates.
     admissible = kin.J[major] @ spaces.projector(spaces.null(kin.active_constraint))
     gains = np.zeros(len(major))
     sigma = np.linalg.svd(admissible, compute_uv=False)
     gains[: len(sigma)] = sigma[: len(major)]
     np.testing.assert_allclose(classes.gains[row], gains, atol=1e-6)
     assert classes.major_rank[row] == len(major) - report.bases["unmanipulable"].shape[1]
-    # Padding with zeros leaves the projector as it is.
+    # Columns of zeros do not change the projector.
     spaces.assert_same(classes.self_motion[row], kin.self_motion)
 
-    # Secondary velocities at will: what admissible rates make while the major task stands still.
+    # Secondary velocities of admissible rates without major motion.
     rates = spaces.null(np.vstack([kin.active_constraint, kin.J[major]]))
     aside = kin.J[secondary] @ rates
     assert classes.secondary_rank[row] == np.linalg.matrix_rank(aside, tol=1e-7)
@@ -83,7 +83,7 @@ def conditions_alone(data, sample, count: int | None) -> None:
         assert atlas.codes.tolist() == [list(of) for of in itertools.product(range(3), repeat=n)]
     assert (atlas.elastic is not None) == elastic
     for row, code in enumerate(atlas.codes):
-        # One by one: a free actuator of the list may already be locked.
+        # A free actuator of the list may already be locked.
         failed = np.flatnonzero(code == 1), np.flatnonzero(code == 2)
         for classes, of in ((atlas, rigid(system)), (atlas.elastic, system)):
             if classes is not None:
@@ -187,8 +187,6 @@ def test_one_motor_moves_the_task_at_its_gain_with_soft_springs(seed):
         np.testing.assert_allclose(classes.worst_speed, classes.worst_gain, rtol=1e-9)
 
 
-# The hexapod.
-
 STRUTS_M = (-635e-6, 635e-6)
 COILS_N = (-80.0, 80.0)
 
@@ -202,11 +200,7 @@ def sprung(hexapod, model) -> ConstrainedSystem:
 
 
 def test_the_hexapod_can_point_in_54_of_729_conditions(hexapod):
-    """Check the 64 sets of locks: with any free strut the payload is not controlled.
-
-    Of these 10 leave fewer than two independent pointing directions: 1 with no strut left, 6 with
-    one, and 3 with two struts that push the same way, an antipodal pair.
-    """
+    """Check the 64 sets of locks, of which 10 leave too few struts or an antipodal pair."""
     atlas = failure_atlas(hexapod, [0, 1])
     assert atlas.codes.shape == (729, 6)
     assert atlas.possible.sum() == 54
@@ -220,30 +214,23 @@ def test_the_hexapod_can_point_in_54_of_729_conditions(hexapod):
         assert atlas.possible[row] == (np.linalg.matrix_rank(left, tol=1e-9) == 2)
     pairs = locks_only & ((atlas.codes == 1).sum(axis=1) == 4) & ~atlas.possible
     assert pairs.sum() == 3
-    # Six struts for six freedoms: each lock costs one direction, of the secondary while it can.
+    # Each lock of six struts removes one direction, a secondary one if possible.
     locks = (atlas.codes == 1).sum(axis=1)
     possible = atlas.possible
     np.testing.assert_array_equal(atlas.secondary_rank[possible], 4 - locks[possible])
 
 
 def test_springs_on_the_struts_act_as_locks_on_free_struts(sprung):
-    """Check that pointing requires exactly two healthy struts that are not antipodal.
-
-    Of 729 conditions 64 have no healthy strut, 6 x 32 have one, 3 x 16 just an antipodal pair.
-    """
+    """Check that 64 + 6 x 32 + 3 x 16 conditions lack two healthy struts that are not antipodal."""
     elastic = failure_atlas(sprung, [0, 1]).elastic
     assert elastic is not None
     assert elastic.possible.sum() == 729 - 64 - 192 - 48
     assert not elastic.unstable.any()
-    assert elastic.gap.min() >= 1e4  # what is nil is rounding: 4e4 to 2e5 by processor
+    assert elastic.gap.min() >= 1e4  # the rest is rounding: 4e4 to 2e5 by processor
 
 
 def test_the_hexapod_points_three_quarters_as_far_with_a_strut_locked(sprung):
-    """Check as well half as far with two: struts rotate the payload about three axes at 60 degrees.
-
-    The worst direction is across one of these axes: the other four struts share it equally, of
-    which one or two are lost.
-    """
+    """Check half as far with two; four struts share the worst direction equally."""
     atlas = failure_atlas(sprung, [0, 1], rate_limits=STRUTS_M, torque_limits=COILS_N)
     assert atlas.elastic is not None and atlas.elastic.worst_speed is not None
     speed, force = atlas.worst_speed, atlas.worst_force
@@ -257,7 +244,7 @@ def test_the_hexapod_points_three_quarters_as_far_with_a_strut_locked(sprung):
     elastic = atlas.elastic.worst_speed
     np.testing.assert_allclose(elastic[free], elastic[one], rtol=1e-9)
     assert speed[free] == 0.0
-    # A locked strut bears what a coil would; without a coil the moment falls as the speed does.
+    # A locked strut bears the force of its coil; without it the moment decreases as the speed.
     assert force[healthy] == pytest.approx(45.98, abs=0.01)
     assert force[one] == pytest.approx(force[healthy])
     assert force[free] == pytest.approx(34.48, abs=0.01)

@@ -16,16 +16,13 @@ from tests.random_systems import failures, pairs, rows_of, systems
 
 
 def largest(d, equalities, x_of, limits) -> float:
-    """Return the largest d @ x with equalities @ x = 0 and limits on x_of @ x, by linprog.
-
-    Infinite if it has no bound, minus infinity if there is no such x.
-    """
+    """Return the largest d @ x with equalities @ x = 0 and limits on x_of @ x, or an infinity."""
     lower, upper = limits
     rows = np.vstack([x_of[np.isfinite(upper)], -x_of[np.isfinite(lower)]])
-    room = np.concatenate([upper[np.isfinite(upper)], -lower[np.isfinite(lower)]])
+    finite = np.concatenate([upper[np.isfinite(upper)], -lower[np.isfinite(lower)]])
     none = np.zeros(len(equalities))
-    for goal in (1.0, 0.0):  # the solver may not tell unbounded from infeasible
-        result = linprog(-goal * d, rows, room, equalities, none, bounds=[(None, None)] * len(d))
+    for goal in (1.0, 0.0):  # unbounded or infeasible may have one status
+        result = linprog(-goal * d, rows, finite, equalities, none, bounds=[(None, None)] * len(d))
         if result.status == 0:
             return -result.fun if goal else np.inf
     return -np.inf
@@ -51,7 +48,7 @@ def test_the_support_is_the_optimum_over_all_motions_or_equilibria(of, data, sam
     survivors = tuple(limit[kin.actuators] for limit in limits)
     D = sample.rng.permutation(directions(sample.rng, len(major), 3))[:2]
     if rates:
-        # xi of eq. (10) is nobody's to command.
+        # xi of eq. (10) is not commanded.
         closed = np.vstack([system.J_C, np.eye(N)[stuck], spaces.self_motions(system, kin).T])
         select, driven = system.J_T[major], np.eye(N)[kin.active]
     else:
@@ -106,7 +103,7 @@ def test_the_radius_is_that_of_the_hull_of_all_extreme_motions(data, sample):
         return
     expected = radius_of(points)
     np.testing.assert_allclose(a.radius, expected, atol=1e-8)
-    assert (a.radius > 0) == (expected > 1e-8)  # round-off is no room
+    assert (a.radius > 0) == (expected > 1e-8)  # round-off is no margin
     D = directions(sample.rng, len(major), 30)
     if a.status is AttainableStatus.INTERIOR:
         np.testing.assert_allclose((a.vertices @ D.T).max(axis=0), a.support(D), atol=1e-8)
@@ -124,7 +121,7 @@ def test_a_set_grows_with_its_limits(unit):
 
 
 @given(st.data(), systems(actives=(1, 4), tasks=(1, 3)))
-def test_no_limits_are_limits_that_are_wide_enough(data, sample):
+def test_infinite_limits_equal_sufficiently_wide_ones(data, sample):
     """Compare infinite limits with increasing ones, for velocities and forces."""
     n, m = len(sample.system.active), len(sample.system.J_T)
     major, (lower, upper) = rows_of(data, m), data.draw(pairs(n))
@@ -134,7 +131,7 @@ def test_no_limits_are_limits_that_are_wide_enough(data, sample):
         endless, ended = attainable(major, (lower, upper)), attainable(major, wide)
         if np.isfinite(endless.radius):
             np.testing.assert_allclose(ended.radius, endless.radius, rtol=1e-6, atol=1e-6)
-        else:  # it grows with the limits, by however small a gain
+        else:  # it increases with the limits, even at a small gain
             assert attainable(major, wider).radius == pytest.approx(10 * ended.radius, rel=0.1)
             assert ended.radius > 0
 
@@ -148,9 +145,6 @@ def test_corners_in_the_plane_are_in_counter_clockwise_order():
         turns = (np.roll(x, -1) - x) * (np.roll(y, -2) - np.roll(y, -1))
         turns -= (np.roll(y, -1) - y) * (np.roll(x, -2) - np.roll(x, -1))
         assert (turns > 0.0).all()
-
-
-# By hand.
 
 
 def arm() -> ConstrainedSystem:
@@ -186,10 +180,7 @@ def test_the_speed_of_an_arm_falls_to_zero_as_it_stretches_out(exponent):
 
 @given(st.floats(-8.5, -1.0))
 def test_rates_without_limits_do_not_hide_the_limit_of_a_slow_one(exponent):
-    """Check a limited motor that drives two unlimited ones at 1/ratio times its own rate.
-
-    Their columns of the constraint are then nearly parallel.
-    """
+    """Check a limited motor that drives two unlimited ones at 1/ratio by near-parallel columns."""
     ratio = 10.0**exponent
     drive = ConstrainedSystem([[ratio, 0, 0]], [[1, 1, 1], [0, ratio, 1]], [0, 1, 2])
     a = drive.kinematics().attainable([0], ([-np.inf, -np.inf, -1], [np.inf, np.inf, 2]))
@@ -209,7 +200,7 @@ def test_the_status_explains_a_zero_radius():
     assert_set(pair.attainable([0], (1, 2)), status.EMPTY, 0.0, -np.inf)
     assert_set(pair.attainable([0], ([1, 1], [1, 1])), status.EMPTY, 0.0, -np.inf)
     assert_set(pair.attainable([0], ([1, -1], [1, -1])), status.UNREACHABLE, 0.0, 1.0)
-    # Both may only push, against each other: nothing moves, though each limit alone leaves room.
+    # Both may only push, against each other, so no motion is possible.
     assert_set(pair.attainable([0], (0, 1)), status.NOT_INTERIOR, 0.0, 0.0)
     assert len(pair.attainable([0], (1, 2)).vertices) == 0
     with_a_third = ConstrainedSystem([[1, 0, 0], [0, 0, 1]], [[1, 1, 0]], [0, 1, 2]).kinematics()

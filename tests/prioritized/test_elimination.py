@@ -41,7 +41,7 @@ def test_a_row_of_zeros_changes_no_motion_and_no_classification(data, sample):
     np.testing.assert_allclose(forces[0], np.delete(forces[1], c), atol=1e-9)
     major = rows_of(data, len(kin.J))
     one, other = kin.manipulability(major), more.manipulability(major)
-    for name in {*one.bases} - {"irresolvable"}:  # nothing balances the reaction of such a row
+    for name in {*one.bases} - {"irresolvable"}:  # the reaction of such a row is not balanced
         assert one.bases[name].shape == other.bases[name].shape, name
     statuses = {each.velocity_mapping(major).status for each in (kin, more)}
     assert len(statuses) == 1

@@ -35,7 +35,7 @@ def test_a_mixture_of_failures_is_the_printed_model_with_unit_rows(data, sample)
     printed = ConstrainedSystem(failed.J_T, spaces.closure(failed), left)
     kin = failed.kinematics()
     assert_same_mechanism(printed.kinematics(), kin)
-    # What is stuck does not move, whatever the others do.
+    # Stuck joints do not move for any motion of the others.
     stuck = np.isin(kin.passive, spaces.stuck_joints(failed))
     np.testing.assert_array_equal(kin.passive_gain[stuck], 0)
     np.testing.assert_array_equal(kin.passive_self_motion[stuck], 0)
@@ -48,7 +48,7 @@ def test_failures_commute_and_may_be_repeated(data, sample):
     broken = at_once.failures
     events = [{"locked": [k]} for k in broken.locked] + [{"free": [k]} for k in broken.free]
     events += [{"locked_passive": [k]} for k in broken.locked_passive]
-    # A released actuator that jams later, or is reported released after it jammed, is locked.
+    # An actuator both released and locked, in either order, is locked.
     events += [{"free": [k]} for k in data.draw(st.sets(st.sampled_from([*broken.locked, -1])))]
     events = [event for event in events if event != {"free": [-1]}]
     system = sample.system
@@ -56,7 +56,7 @@ def test_failures_commute_and_may_be_repeated(data, sample):
         system = system.with_failures(**event)
     assert system.failures == broken
     np.testing.assert_array_equal(system.kinematics().J, at_once.kinematics().J)
-    assert not sample.system.failures.locked  # the healthy one stays as it was
+    assert not sample.system.failures.locked  # the healthy one is unchanged
 
 
 @given(st.data(), systems(actives=(2, 4)), st.booleans(), st.booleans())
@@ -91,10 +91,7 @@ def test_arguments_for_all_actuators_are_restricted_to_the_survivors(
 
 
 def four_bar(angles: np.ndarray, lengths: np.ndarray) -> ConstrainedSystem:
-    """Return a planar loop of four hinges, two with motors; the task is the coupler's twist.
-
-    The last bar is the ground: the sum of all hinge twists about the fixed origin is zero.
-    """
+    """Return a planar loop of four hinges, two with motors; the task is the coupler's twist."""
     turned = np.cumsum(angles)
     bars = lengths[:, None] * np.stack([np.cos(turned), np.sin(turned)], axis=1)
     hinges = np.vstack([np.zeros(2), np.cumsum(bars, axis=0)])
@@ -116,8 +113,8 @@ def test_a_locked_four_bar_linkage_cannot_move(seed, locked):
     np.testing.assert_allclose(kin.velocity_mapping([0])([1.0]), 0.0, atol=1e-9)
     dropped = velocity_mapping(np.delete(healthy.J, locked, axis=1), [0])([1.0])
     rates = np.insert(dropped, locked, 0.0)
-    assert np.abs(healthy.active_constraint @ rates).max() > 1e-2  # the loop would tear
-    # Force, too: the motor left behind only squeezes, so the structure bears the whole task.
+    assert np.abs(healthy.active_constraint @ rates).max() > 1e-2  # the loop would open
+    # The remaining motor exerts internal forces only, so the structure bears the whole task force.
     mapping = kin.force_mapping([0], torque_weight=[1.0])
     np.testing.assert_allclose(mapping([1.0]), 0.0, atol=1e-9)
     np.testing.assert_allclose(mapping.reaction, np.eye(3), atol=1e-9)

@@ -60,13 +60,13 @@ def test_torques_are_the_lexicographic_optimum_over_all_forces(data, sample):
     f[major], f[others] = targets[0] - mapping.residual(targets[0]), f_s
     by_eq_16 = kin.J.T @ f + kin.active_constraint.T @ mapping.internal_force(*targets)
     np.testing.assert_allclose(torques, by_eq_16, atol=1e-9)
-    # Nothing holds self-motion: forces do no work on it, and some major forces are out of reach.
+    # Forces do no work on self-motion, so that some major forces are unattainable.
     np.testing.assert_allclose((system.J_T @ spaces.self_motions(system, kin)).T @ f, 0, atol=1e-9)
     allowed = np.linalg.matrix_rank(spaces.null(kin.self_motion.T)[major], tol=1e-8)
     assert mapping.rank == allowed
     assert (mapping.status is Status.LEAST_SQUARES) == (allowed < m1)
 
-    # Unknown are f and f_C; a stuck joint bears whatever comes, the moving ones nothing.
+    # Unknowns are f and f_C; stuck joints bear any force, moving ones none.
     bearing = np.setdiff1d(kin.passive, spaces.stuck_joints(system))
     balance = np.vstack([system.J_T, system.J_C]).T
     to_torques, to_f = balance[kin.active], np.eye(balance.shape[1])
@@ -80,7 +80,7 @@ def test_torques_are_the_lexicographic_optimum_over_all_forces(data, sample):
         (to_f[others], np.zeros(m2)),
     ]
     best = spaces.dense_lexicographic(balance[bearing], levels)
-    # The mechanisms are well conditioned up to their chance sub-blocks: 1e-6 leaves these room.
+    # Random sub-blocks may be ill-conditioned, hence the tolerance of 1e-6.
     np.testing.assert_allclose(torques, to_torques @ best, atol=1e-6)
     np.testing.assert_allclose(f_s, best[others], atol=1e-6)
     np.testing.assert_allclose(mapping.residual(targets[0]), targets[0] - best[major], atol=1e-6)

@@ -105,9 +105,6 @@ def test_the_status_is_that_of_the_first_level(J, active, target, more, status):
     assert (abs(result.rates) <= 1).all()
 
 
-# Damping.
-
-
 @pytest.mark.parametrize("level", [0, 1])
 def test_rates_stay_bounded_as_a_singular_value_vanishes(level):
     """Check the bound |target| / (2 damping), for damping of any level."""
@@ -166,7 +163,7 @@ def test_an_interval_with_a_damped_level_holds_or_changes_nothing(seed, damping)
     levels = [Task([0], interval=True), damped, Task([1, 2])]
     result = kin.hierarchy(levels).solve([(low, low + 0.1), v, v])
     np.testing.assert_allclose(result.residuals[0], 0.0, atol=1e-12)
-    # The level after it wants the same without damping, but has nothing left to move.
+    # The next level has the same target without damping, but no remaining motion.
     np.testing.assert_allclose(result.residuals[2], result.residuals[1], atol=1e-12)
     assert result.damping_errors[1] > 0.0
     wide = kin.hierarchy(levels[:2])([(-99.0, 99.0), v])
@@ -194,9 +191,6 @@ def test_rates_are_finite_for_any_weight_and_damping(seed, weight, damping):
         expected = d / (1 + (damping / w) ** 2)
     np.testing.assert_allclose(kin.hierarchy([joints])([d]), expected, rtol=1e-9, atol=1e-12)
     assert np.isfinite(kin.hierarchy([Task([0]), joints])([v, d])).all()
-
-
-# Other poses.
 
 
 class Measured:

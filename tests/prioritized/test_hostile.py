@@ -1,4 +1,4 @@
-"""Test that a hostile argument of `prioritized` ends in one sentence or in finite numbers."""
+"""Test that hostile arguments of `prioritized` give one error message or finite numbers."""
 
 from functools import cache
 from typing import Any
@@ -20,7 +20,7 @@ from prioritized import (
 from prioritized._mechanism.failures import Failures
 from prioritized._mechanism.names import Names
 from prioritized._postures import Postures
-from tests.hostile import Room, one_by_one, public, two_at_once
+from tests.hostile import Package, one_by_one, public, two_at_once
 
 
 def one_level(levels: Any, lower: Any) -> Any:
@@ -32,19 +32,19 @@ def one_level(levels: Any, lower: Any) -> Any:
 
 def one_target(targets: Any) -> Any:
     """Solve with the numbers of one target of two."""
-    return room().of["Hierarchy"].solve([targets, None])
+    return package().objects["Hierarchy"].solve([targets, None])
 
 
 TRUSTED = {
-    # what the library returns, and what Names hold is checked where they are used
+    # Returned by the library; names are checked when they are used.
     *("Attainable", "Classes", "FailureAtlas", "ForceMapping", "ForceSolution"),
     *("Hierarchy", "HierarchySolution", "Kinematics", "Manipulability"),
     *("Postures", "Tick", "VelocityMapping", "VelocitySolution"),
-    # what its parts ask of each other, of what was checked
+    # Called inside the library with checked arguments.
     *("Hierarchy.undamped", "Tick.at", "Tick.limits", "Tick.of_plain", "Tick.at_jacobians"),
     *("HierarchySolution.describe", "Tick.of"),
 }
-FOUND = public(prioritized, Postures, one_level, one_target, trusted=TRUSTED)
+CALLABLES = public(prioritized, Postures, one_level, one_target, trusted=TRUSTED)
 
 
 def numbers(result: Any, **more: Any) -> dict[str, Any]:
@@ -64,14 +64,14 @@ def velocities(mapping: VelocityMapping) -> dict[str, Any]:
         done = (mapping._problem.major_jacobian @ rates[..., None])[..., 0]
         assert np.allclose(done, v, rtol=0, atol=1e-4)
     far = None if mapping._limiting is None else numbers(mapping.solve(9 * v))
-    return numbers(mapping, rates=rates, far=far, rest=mapping.residual(v))
+    return numbers(mapping, rates=rates, far=far, residual_v=mapping.residual(v))
 
 
 def torques(mapping: ForceMapping) -> dict[str, Any]:
     f = np.ones(mapping.major.shape[-1])
     forces = (mapping(f), mapping.secondary_force(f), mapping.internal_force(f))
     far = None if mapping._limiting is None else numbers(mapping.solve(9 * f))
-    return numbers(mapping, forces=forces, rest=mapping.residual(f), far=far)
+    return numbers(mapping, forces=forces, residual_f=mapping.residual(f), far=far)
 
 
 def mechanism(kin: Kinematics) -> dict[str, Any]:
@@ -81,12 +81,12 @@ def mechanism(kin: Kinematics) -> dict[str, Any]:
 
 def extent(a: prioritized.Attainable) -> dict[str, Any]:
     """Return the numbers of a set, infinite where there is no limit."""
-    return numbers(a, radius_gap=a.radius, support_gap=a.support(np.eye(len(a.gain))), said=str(a))
+    return numbers(a, radius_gap=a.radius, support_gap=a.support(np.eye(len(a.gain))), text=str(a))
 
 
 @cache
-def room() -> Room:
-    """Return three task rows of four joints, and of three motors and two passive joints."""
+def package() -> Package:
+    """Return arguments for four joints, and for three motors and two passive joints."""
     rng = np.random.default_rng(7)
     J, J_T, J_C = rng.normal(size=(3, 4)), rng.normal(size=(3, 5)), rng.normal(size=(1, 5))
     batch, many_J_T, many_J_C = (rng.normal(size=(2, *shape)) for shape in ((3, 4), (3, 5), (1, 5)))
@@ -207,29 +207,29 @@ def room() -> Room:
         "one_level": {"levels": J, "lower": np.ones(3)},
         "one_target": {"targets": np.ones(1)},
     }
-    of = {"VelocityMapping": one, "ForceMapping": force, "Kinematics": loose}
-    of |= {"Tick": steady.tick(closed), "FailureAtlas": failure_atlas(system, [0])}
-    of |= {"Postures": system.postures(many_J_T, many_J_C), "ConstrainedSystem": system}
-    of |= {"Attainable": kin.attainable([0, 1], (-1.0, 1.0)), "Hierarchy": hierarchy}
+    objects = {"VelocityMapping": one, "ForceMapping": force, "Kinematics": loose}
+    objects |= {"Tick": steady.tick(closed), "FailureAtlas": failure_atlas(system, [0])}
+    objects |= {"Postures": system.postures(many_J_T, many_J_C), "ConstrainedSystem": system}
+    objects |= {"Attainable": kin.attainable([0, 1], (-1.0, 1.0)), "Hierarchy": hierarchy}
     uses = {
         **{"VelocityMapping": velocities, "ForceMapping": torques, "Attainable": extent},
         **{"Postures": numbers, "Tick": solve_tick, "HierarchySolution": numbers},
         **{"ConstrainedSystem": lambda made: mechanism(made.kinematics()), "Kinematics": mechanism},
         **{"Task": lambda task: numbers(kin.hierarchy([task]).solve([None]))},
         **dict.fromkeys(("Solution", "VelocitySolution", "ForceSolution"), numbers),
-        "Hierarchy": lambda requested: numbers(requested.solve(good["targets"])),
+        "Hierarchy": lambda made: numbers(made.solve(good["targets"])),
     }
     ranges = {"scale": (0, np.inf), "damping": (0, np.inf), "rank_tolerance": (0, 0.5)}
-    return Room(
-        found=FOUND,
+    return Package(
+        callables=CALLABLES,
         good=good,
         special=special,
-        of=of,
+        objects=objects,
         uses=uses,
         ranges=ranges,
         unbounded=("gap", "worst_gain", "worst_speed", "worst_force"),
     )
 
 
-test_a_hostile_argument_is_named_or_harmless = one_by_one(room, FOUND)
-test_so_are_two_of_them = two_at_once(room)
+test_a_hostile_argument_is_reported_or_harmless = one_by_one(package, CALLABLES)
+test_two_hostile_arguments_are_reported_or_harmless = two_at_once(package)

@@ -37,9 +37,6 @@ def by_gains(mapping, *goals):
     return sum(np.einsum("...ij,...j->...i", gain, aim) for gain, aim in pairs)
 
 
-# One answer.
-
-
 @given(st.data(), systems(), st.sampled_from([0.3, 3.0, np.inf]))
 @examples(200)
 def test_all_methods_give_equal_rates(data, sample, size):
@@ -59,7 +56,7 @@ def test_all_methods_give_equal_rates(data, sample, size):
     made = kin.velocity_mapping(major, None, *W, rate_limits=box)
     result = made.solve(*goals)
     free, known = kin.velocity_mapping(major, None, *W), first.velocity_mapping(major, None, *W)
-    known(*goals)  # it remembers what it was called with
+    known(*goals)  # it stores its arguments
     before = first.velocity_mapping(major, None, *W, rate_limits=wide)
     before(*goals)
     moved = known.at(kin, rate_limits=box)
@@ -192,8 +189,6 @@ def test_rates_satisfy_a_loop_that_ties_the_actuators_at_another_pose():
     np.testing.assert_allclose(mapping.at(tied)(np.ones(1)), [1, 1], atol=1e-14)
 
 
-# Batches.
-
 LEAD = (2, 3)
 AXES = st.sampled_from([None, (), (3,), LEAD])
 """Batch axes of an argument; None omits it."""
@@ -203,10 +198,7 @@ TALL = st.sampled_from([0, 1, 3])
 @MADE
 @given(st.data(), SEEDS, st.integers(1, 4), st.integers(1, 3))
 def test_any_arguments_may_be_batches_with_or_without_secondary_rows(made, data, seed, n, m):
-    """Check J, weights, metrics, constraint, self-motion and all three velocities or forces.
-
-    Some are singular, some have weights that decide nothing: each in its own way.
-    """
+    """Check J, weights, metrics, constraint, self-motion, velocities and forces, some singular."""
     rng, m1 = np.random.default_rng(seed), data.draw(st.integers(1, m))
     m2 = m - m1 if data.draw(st.booleans()) else 0
     W = "joint_weight" if made is velocity_mapping else "torque_weight"
@@ -219,7 +211,7 @@ def test_any_arguments_may_be_batches_with_or_without_secondary_rows(made, data,
         "tie_metric": (data.draw(TALL), n),
     }
     J = rng.normal(size=(*(data.draw(AXES) or ()), m, n))
-    J[rng.random(J.shape[:-2]) < 0.2, 0] = 0.0  # out of reach
+    J[rng.random(J.shape[:-2]) < 0.2, 0] = 0.0  # unreachable
     axes = {name: data.draw(AXES) for name in shapes}
     given_ = {
         k: rng.normal(size=(*lead, *shapes[k])) for k, lead in axes.items() if lead is not None
@@ -290,8 +282,6 @@ def test_a_batch_within_limits_equals_its_elements(when, constrained):
         assert result.limited[i, k] == alone.limited
         np.testing.assert_allclose(result.gains[i, k], alone.gains, atol=1e-7)
 
-
-# Results are frozen, their own, and the same in every thread.
 
 Method = Callable[[np.ndarray], np.ndarray]
 UNKEPT = "least squares"

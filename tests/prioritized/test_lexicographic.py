@@ -57,7 +57,7 @@ def assert_optimal(problem: Problem, **others: Any) -> Solution:
 
 @examples(60)
 @given(problems(most=4))
-def test_enumeration_of_active_sets_finds_no_better_answer(problem):
+def test_enumeration_of_active_sets_finds_no_better_solution(problem):
     result, x = assert_optimal(problem), enumerated(problem)
     np.testing.assert_allclose(result.x, x, rtol=0, atol=1e-7 * (1 + abs(x).max()))
     for (A, b), residual in zip(problem.levels, result.residuals, strict=True):
@@ -66,7 +66,7 @@ def test_enumeration_of_active_sets_finds_no_better_answer(problem):
 
 
 @pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 60), marks=LONG)])
-def test_interior_points_find_no_better_answer(seeds):
+def test_interior_points_find_no_better_solution(seeds):
     for seed in seeds:
         rng = np.random.default_rng(seed)
         kinds = ["any rank", "redundant rows", "dependent levels"]
@@ -144,7 +144,7 @@ def test_infeasible_rows_have_a_certificate_and_the_bounds_hold(seed, n):
     assert proves(result, G, low, high, lower, upper)
 
 
-def test_feasible_rows_are_never_called_infeasible_far_below_the_optimum():
+def test_feasible_rows_are_never_reported_as_infeasible():
     """Check rows with a single feasible point, and solutions of 5e4 with rows of size one."""
     rows = np.array([[1.0, 1.0], [-1.0, -1.0]]), np.array([1e-9, -1e-9]), np.full(2, INF)
     target = [(np.eye(2) * [[1.0], [1e-4]], np.array([3.0, 50.0]))]
@@ -175,9 +175,6 @@ def test_klee_mintys_cube_needs_few_steps(n):
     assert cost @ result.x == pytest.approx(high[-1], rel=1e-12)
 
 
-# Oracles: they agree, and each can fail.
-
-
 @examples(60)
 @given(problems(most=4))
 def test_the_oracles_agree_and_both_solutions_are_certified(problem):
@@ -186,7 +183,7 @@ def test_the_oracles_agree_and_both_solutions_are_certified(problem):
     assert worst(problem, x) < 1e-11
     try:
         other = interior(problem)
-    except RuntimeError:  # Clarabel gives up on some that are nearly singular
+    except RuntimeError:  # Clarabel fails for some nearly singular problems
         assume(not [s for A, _ in problem.levels for s in np.linalg.svd(A)[1] if 1e-9 < s < 1e-3])
         raise
     assert worst(problem, other) < 1e-11

@@ -70,7 +70,7 @@ def moved_by_weights(made: Any, when: str, seed: int) -> tuple[float, bool]:
 
 @pytest.mark.parametrize(
     "seeds",
-    # Of the last three a torque hardly depends on a force: on the way there x is 1e5 times as long.
+    # A torque of the last three hardly depends on a force: intermediate x are 1e5 times as large.
     [[*range(40), 138, 500, 3476], pytest.param(range(5000), marks=NIGHT, id="5000")],
 )
 @pytest.mark.parametrize("when", ["least_squares", "scaled"])
@@ -166,9 +166,6 @@ def test_the_status_distinguishes_the_restrictions_of_the_task(J, v, more, statu
     assert result.status is status
     assert np.isfinite(result.rates).all()
     assert bool(result.limited) == (max(v) > 1) or status is Status.INFEASIBLE
-
-
-# Forces.
 
 
 @given(SEEDS, st.integers(1, 5), st.data())

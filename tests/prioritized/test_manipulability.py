@@ -36,11 +36,11 @@ HALF = np.sqrt(0.5)
 @pytest.mark.parametrize(
     ("J_T", "J_C", "active", "flags", "name", "basis"),
     [
-        # A rod between two ball joints: its two spins agree, and nothing else takes part.
+        # A rod between two ball joints spins about its axis, without effect on other joints.
         ([[1, 0, 0]], [[0, 1, -1]], [0], {"unobservable"}, "unobservable", [[HALF], [HALF]]),
-        # A door with two hinges on one axis: how they share the load is open, no rate is forbidden.
+        # Two hinges of a door on one axis share the load arbitrarily, and constrain no rate.
         ([[0, 1]], [[1, -1], [1, -1]], [0], {"irresolvable"}, "irresolvable", [[HALF, HALF]]),
-        # Two motors geared one to two: torques along (2, -1) only squeeze.
+        # Torques along (2, -1) of two motors geared one to two are internal.
         (
             *([[1, 0]], [[2, -1]], [0, 1], {"irresolvable", "constrained_active"}),
             *("constrained_active", np.array([[2.0, 1.0]]) / np.sqrt(5.0)),
@@ -84,16 +84,16 @@ def test_every_basis_is_verified_by_explicit_motions(data, sample):
     closed, loose = spaces.motions(system), spaces.self_motions(system, kin)
     driven = spaces.null(
         np.vstack([spaces.closure(system), loose.T])
-    )  # motions that no self-motion is part of
+    )  # motions without self-motion
 
     for name, rows in (("unmanipulable", major), ("unmanipulable_task", range(len(J_T)))):
         moved = J_T[list(rows)] @ driven
         np.testing.assert_allclose(bases[name].T @ moved, 0, atol=1e-8)
         assert bases[name].shape[1] == len(rows) - np.linalg.matrix_rank(moved, tol=1e-8)
 
-    # Columns of `loose` close the loops with every active joint at rest: they are the rates.
+    # Columns of `loose` are passive rates that close the loops with active joints at rest.
     moved = J_T @ loose
-    still = loose @ spaces.null(moved[major])  # of these, the ones that leave the major task alone
+    still = loose @ spaces.null(moved[major])  # those without major motion
     expected = {
         "unstable": moved,
         "unstable_major": moved[major],

@@ -94,10 +94,7 @@ def test_limits_of_rows_of_two_kinds_use_the_metric():
 
 
 def _sample(seed: int, unit: float, error: float) -> tuple[ConstrainedSystem, dict[str, Any]]:
-    """Sample hinges, slides and loops with natural length `unit`; a task, and units of both.
-
-    Half of the singular values of the task are 1e-3 to 1e-7, of which `error` explains some.
-    """
+    """Sample hinges, slides and loops with natural length `unit`, a task, and units of both."""
     rng = np.random.default_rng(seed)
     n, p, m = (int(rng.integers(*ends)) for ends in ((2, 7), (0, 4), (2, 7)))
     c = int(rng.integers(0, p + 2)) if p else 0
@@ -181,7 +178,7 @@ def test_hinges_and_slides_have_equal_results_in_any_unit(unit, error):
     """Check ranks and statuses, least squares, limits, levels, torques; exact or rounded."""
     for seed in range(scaled(30)):
         here, there = _solved(seed, 1.0, error), _solved(seed, unit, error)
-        if min(here.pop("gap"), there.pop("gap")) < 2.0:  # a unit's own round-off may decide
+        if min(here.pop("gap"), there.pop("gap")) < 2.0:  # round-off of a unit may decide
             continue
         for name, answer in here.items():
             if isinstance(answer, np.ndarray):

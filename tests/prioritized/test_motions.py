@@ -8,18 +8,11 @@ from hypothesis import strategies as st
 from prioritized import ConstrainedSystem, failure_atlas
 from prioritized._solver.rank import RANK_TOLERANCE
 from tests import spaces
-from tests.random_systems import (
-    SEEDS,
-    failures,
-    orthogonal,
-    springs,
-    systems,
-    with_stiffness,
-)
+from tests.random_systems import SEEDS, failures, orthogonal, springs, systems, with_stiffness
 
 
 @given(st.data(), systems())
-def test_all_velocities_come_in_the_order_of_the_columns(data, sample):
+def test_all_velocities_are_in_the_order_of_the_columns(data, sample):
     """Check that they close the loops, move the task by J rates, and are zero for stuck joints."""
     system = data.draw(failures(sample.system))
     kin = system.kinematics()
@@ -51,7 +44,7 @@ def test_passive_joints_minimize_the_energy_of_all_joints(data, sample):
         (np.eye(N), np.zeros(N)),
     ]
     best = spaces.dense_lexicographic(spaces.closure(system), levels)
-    # The mechanisms are well conditioned up to their chance sub-blocks: 1e-6 leaves these room.
+    # Random sub-blocks may be ill-conditioned, hence the tolerance of 1e-6.
     np.testing.assert_allclose(kin.passive_rates(rates), best[kin.passive], atol=1e-6)
     np.testing.assert_allclose(kin.J @ rates, system.J_T @ best, atol=1e-6)
 
@@ -67,7 +60,7 @@ def test_motion_without_springs_remains_self_motion(data, sample):
     moved = system.J_T @ spring_lost
     spaces.assert_same(kin.passive_self_motion, spring_lost[kin.passive])
     spaces.assert_spans(kin.self_motion, moved)
-    # Springs bear no loop and forbid no rate.
+    # Springs close no loop and constrain no rate.
     for name in ("internal_force", "active_constraint"):
         np.testing.assert_allclose(getattr(kin, name), getattr(rigid, name), atol=1e-12)
 
@@ -100,7 +93,7 @@ def test_round_off_of_a_coupling_to_an_active_joint_is_no_spring(exponent, unit)
         np.testing.assert_allclose(kin.J, [[expected]], rtol=1e-9)
         assert kin.gap == pytest.approx(max(weak / RANK_TOLERANCE, RANK_TOLERANCE / weak), rel=1e-3)
     assert settled.kinematics().self_motion.shape == (1, not resisted)
-    # The atlas decides the same, also with the joint's motor locked or released.
+    # The atlas has the same decision, also with the joint's motor locked or released.
     elastic = failure_atlas(settled, [0]).elastic
     assert elastic is not None
     for row, failed in enumerate(({}, {"locked": [0]}, {"free": [0]})):

@@ -15,13 +15,13 @@ NAMES = Names(
 """Names with a muscle pair on the knee, two motors on the wrist, and an unnamed passive joint."""
 
 
-def made(names: Names | None = NAMES) -> ConstrainedSystem:
+def arm(names: Names | None = NAMES) -> ConstrainedSystem:
     rng = np.random.default_rng(0)
     J_T, J_C = rng.normal(size=(3, 8)), rng.normal(size=(3, 8))
     return ConstrainedSystem(J_T, J_C, [0, 1, 2, 3], names=names)
 
 
-def of(joints, motors, J_C=None) -> ConstrainedSystem:
+def mechanism_of(joints, motors, J_C=None) -> ConstrainedSystem:
     """Return a mechanism of joints and motors with these names; its first joint is its task."""
     names, n = Names(tuple(joints), tuple(motors)), len(motors)
     return ConstrainedSystem(np.eye(1, len(joints)), J_C, range(n), names=names)
@@ -39,7 +39,7 @@ def of(joints, motors, J_C=None) -> ConstrainedSystem:
     ],
 )
 def test_a_name_is_equivalent_to_its_number(listed, numbered):
-    assert made().with_failures(**listed).failures == made(None).with_failures(**numbered).failures
+    assert arm().with_failures(**listed).failures == arm(None).with_failures(**numbered).failures
 
 
 @pytest.mark.parametrize(
@@ -56,14 +56,17 @@ def test_a_name_is_equivalent_to_its_number(listed, numbered):
 )
 def test_a_wrong_name_raises_one_sentence_with_advice(failures, message):
     with pytest.raises(ValueError, match=f"^{next(iter(failures))} must|^an actuator") as error:
-        made().with_failures(**failures)
+        arm().with_failures(**failures)
     assert error.match(message)
     with pytest.raises(ValueError, match=r"must be numbers .*ConstrainedSystem\.of"):
-        made(None).with_failures(locked_passive=["knee"])
+        arm(None).with_failures(locked_passive=["knee"])
 
 
 def test_actuators_without_names_are_listed_by_number():
-    for system, message in [(of(["hip", ""], [(), ()]), "hip, 1"), (made(None), r"\[0, 1\]")]:
+    for system, message in [
+        (mechanism_of(["hip", ""], [(), ()]), "hip, 1"),
+        (arm(None), r"\[0, 1\]"),
+    ]:
         with pytest.raises(ValueError, match=f"got both for {message}"):
             system.with_failures(locked=[0, 1], free=[0, 1])
 
@@ -74,7 +77,7 @@ def test_a_wrong_number_of_names_raises():
 
 
 def test_the_atlas_accepts_and_lists_names():
-    atlas, unnamed = failure_atlas(made(), [0]), failure_atlas(made(None), [0])
+    atlas, unnamed = failure_atlas(arm(), [0]), failure_atlas(arm(None), [0])
     assert atlas.describe(0) == unnamed.describe(0) == "healthy"
     row = atlas.row(locked=["knee"], free=["hip_motor"])
     assert atlas.describe(row) == "knee locked, hip free"
@@ -91,23 +94,23 @@ def test_the_atlas_accepts_and_lists_names():
         atlas.row(free=["kneee"])
 
 
-def test_sentences_name_the_joints_concerned():
+def test_sentences_contain_the_names_of_the_joints():
     """Check geared hip and knee, a rod that spins in two ball joints, and an unreachable slide."""
     J_C = np.array([[2.0, -1.0, 0, 0, 0], [0, 0, 0, 1.0, -1.0]])
     joints = "hip", "knee", "slide", "ball", "socket"
-    report = of(joints, (("m",), (), ()), J_C).kinematics().manipulability([0])
+    report = mechanism_of(joints, (("m",), (), ()), J_C).kinematics().manipulability([0])
     sentences = {name: finding.sentence for name, finding in report.findings.items()}
     assert "(of hip, knee)" in sentences["constrained_active"]
     assert "(of ball, socket)" in sentences["unobservable"]
     without = ConstrainedSystem(np.eye(1, 5), J_C, [0, 1, 2]).kinematics().manipulability([0])
     assert "(" not in str(without)
     assert report.gaps == without.gaps
-    # The largest share first, and a handful of them.
+    # The largest shares come first, at most five.
     shares = np.array([[3.0, 1, 8, 5, 4, 7, 6, 0.1]])
-    eight = of("abcdefgh", ((),) * 8, shares)
+    eight = mechanism_of("abcdefgh", ((),) * 8, shares)
     assert "(of c, f, g, d, e and 2 more)" in str(eight.kinematics().manipulability([0]))
-    # A cable called "hip" like the joint is its motor m1, also after a failure of the joint.
-    meshed = of(("hip", "hip", "rod"), (("m0",), ("m1",)), [[0.0, 1.0, -2.0]])
+    # The name "hip" of both cable and joint refers to motor m1, also after a failure of the joint.
+    meshed = mechanism_of(("hip", "hip", "rod"), (("m0",), ("m1",)), [[0.0, 1.0, -2.0]])
     failed = meshed.with_failures(locked=["m0"], free=["m1"])
     assert (
         "(of m1, rod)" in failed.kinematics().manipulability([0]).findings["unobservable"].sentence

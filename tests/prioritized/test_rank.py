@@ -25,16 +25,14 @@ from tests import spaces
 from tests.profiles import scaled
 from tests.random_systems import SEEDS, major_and_secondary, of_rank, orthogonal
 
-# Where verdicts flip.
 
-
-def expect(decision: tuple[bool, float], sigma: float, scale: float) -> None:
+def check(decision: tuple[bool, float], sigma: float, scale: float) -> None:
     """Return the rank decision (counts, gap) on a singular value of a matrix of this scale."""
     distance = sigma / (scale * RANK_TOLERANCE)
     assume(abs(np.log10(distance)) > 0.05)  # round-off moves sigma by 1e-16: 1e-6 of the threshold
     counts, gap = decision
     assert counts == (distance > 1)
-    # At sigma = 1e-14 round-off is a few percent of it.
+    # Round-off is a few percent of sigma = 1e-14.
     assert gap == pytest.approx(max(distance, 1 / distance), rel=0.1)
 
 
@@ -49,47 +47,44 @@ def test_ranks_change_where_singular_values_cross_the_tolerance(seed, nearness, 
     report = ConstrainedSystem(weak, None, [0, 1]).kinematics().manipulability([0, 1])
     # Both rows are major: a selection of norm sqrt(2) takes part in the product.
     reached = not report.unmanipulable, report.gaps["unmanipulable"]
-    expect(reached, size * small, norm * np.sqrt(2.0))
+    check(reached, size * small, norm * np.sqrt(2.0))
     reached = not report.unmanipulable_task, report.gaps["unmanipulable_task"]
-    expect(reached, size * small, norm)
+    check(reached, size * small, norm)
 
-    # The same matrix as passive columns of the task: a second direction of self-motion.
+    # As passive columns of the task, the matrix gives a second direction of self-motion.
     task = np.hstack([np.zeros((2, 1)), weak])
     report = ConstrainedSystem(task, None, [0]).kinematics().manipulability([0, 1])
-    expect((len(report.bases["unstable"].T) == 2, report.gaps["unstable"]), size * small, norm)
+    check((len(report.bases["unstable"].T) == 2, report.gaps["unstable"]), size * small, norm)
     major = len(report.bases["unstable_major"].T) == 2, report.gaps["unstable_major"]
-    expect(major, size * small, norm)  # with every row major, the same decision
+    check(major, size * small, norm)  # with every row major, the same decision
 
-    # As passive columns of the loops: a closed loop, or one internal force and one idle joint.
+    # As passive columns of the loops, it closes a loop, or gives an internal force and idle joint.
     loops = np.hstack([np.zeros((2, 1)), weak])
     report = ConstrainedSystem(np.zeros((1, 3)), loops, [0]).kinematics().manipulability([0])
-    expect((not report.irresolvable, report.gaps["irresolvable"]), size * small, norm)
+    check((not report.irresolvable, report.gaps["irresolvable"]), size * small, norm)
     assert report.unobservable == report.irresolvable
 
-    # As active columns: a second forbidden rate.
+    # As active columns, it gives a second constrained rate.
     report = ConstrainedSystem(np.eye(2), weak, [0, 1]).kinematics().manipulability([0])
     bound = len(report.bases["constrained_active"]) == 2, report.gaps["constrained_active"]
-    expect(bound, size * small, norm)
+    check(bound, size * small, norm)
 
-    # Mappings: exact, or best in reach; commanded, or borne unseen.
+    # Mappings are exact or nearest; forces are commanded, or borne by the structure.
     velocity, force = velocity_mapping(weak, [0, 1]), force_mapping(weak, [0, 1])
     is_exact = velocity.status is Status.EXACT
-    expect((is_exact, float(velocity.gap)), size * small, norm * np.sqrt(2.0))
+    check((is_exact, float(velocity.gap)), size * small, norm * np.sqrt(2.0))
     assert velocity.rank == 1 + is_exact
-    # Rates stay finite: the singular value is inverted or dropped, never a zero divided by.
+    # Rates are finite, as the singular value is inverted or dropped.
     assert np.abs(velocity.major).max() <= 1.01 / (norm * RANK_TOLERANCE)
-    assert force.rank == 2  # any force may be asked for: the structure bears what J does not see
-    if abs(np.log10(small / RANK_TOLERANCE)) > 0.5:  # sqrt(2) either way
+    assert force.rank == 2  # any force: the structure bears what has no effect in J
+    if abs(np.log10(small / RANK_TOLERANCE)) > 0.5:  # a factor of sqrt(2)
         assert (force.status is Status.EXACT) == is_exact
         assert np.trace(force.reaction) == pytest.approx(0.0 if is_exact else 1.0, abs=1e-9)
 
 
 @given(SEEDS, st.floats(0, 8))
 def test_round_off_of_fast_passive_joints_is_no_motion(seed, exponent):
-    """Check the difference of two passive rates of 10^k per active rate: round-off of 1e-16 10^k.
-
-    J is decided against the size of its terms; against J_T alone this round-off would be a motion.
-    """
+    """Check the difference of two passive rates of 10^k per active rate: round-off 1e-16 10^k."""
     slow = 10.0**-exponent
     rng = np.random.default_rng(seed)
     turn = orthogonal(rng, 2)  # any other pair of passive coordinates
@@ -111,17 +106,12 @@ def test_the_rank_is_decided_with_the_given_scale_and_tolerance():
     assert mapping.rank == 1 and mapping.secondary.shape == (2, 1)
 
 
-# Who agrees.
-
 NEAR = st.floats(-1.0, 2.0)
 """Exponents of singular values in multiples of the threshold: 0.1 to 100."""
 
 
 def nearly_fixed(seed: int, nearness: float, m: int, columns: int) -> Kinematics:
-    """Return an arm of m task rows whose passive columns hardly move the task, each differently.
-
-    Of several columns the first may move it well.
-    """
+    """Return an arm of m task rows whose passive columns, but perhaps the first, hardly move it."""
     rng = np.random.default_rng(seed)
     active, retained = rng.normal(size=(m, 4)), min(m, columns)
     sigma = 10.0 ** (nearness + rng.uniform(-0.5, 0.5, size=retained)) * RANK_TOLERANCE
@@ -237,9 +227,6 @@ def test_no_mapping_or_hierarchy_moves_along_unreachable_directions(seed, number
             assert np.linalg.norm(rates) <= 1.01 * mapping.largest_gain, code
 
 
-# Gaps warn.
-
-
 @given(st.floats(-13, -7), st.booleans())
 def test_no_gap_exceeds_that_of_the_loop_closure(exponent, more):
     """Check that gaps include the first decision, whether a loop determines a passive joint."""
@@ -277,9 +264,6 @@ def test_relatively_small_weights_and_metrics_reduce_the_gap(w):
     assert system.kinematics(passive_metric=[0, 1, 3, 1]).gap > 1e9
 
 
-# The tolerance as what it is, the accuracy of the geometry.
-
-
 def test_the_accuracy_sets_the_tolerance_and_stays_visible():
     system = ConstrainedSystem(np.eye(2), None, [0, 1], geometry_accuracy=1e-6)
     assert system.geometry_accuracy == 1e-6
@@ -287,13 +271,13 @@ def test_the_accuracy_sets_the_tolerance_and_stays_visible():
     failed = dataclasses.replace(system, J_T=2 * np.eye(2)).with_failures(locked=[0])
     assert (failed.geometry_accuracy, failed.rank_tolerance) == (1e-6, system.rank_tolerance)
     assert ConstrainedSystem(np.eye(2), None, [0, 1]).geometry_accuracy is None
-    # Round-off is there however exact the geometry.
+    # Round-off does not depend on the accuracy of the geometry.
     exact = ConstrainedSystem(np.eye(2), None, [0, 1], geometry_accuracy=0.0)
     assert exact.rank_tolerance == RANK_TOLERANCE
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_tolerance_of_zero_divides_by_no_zero(seed):
+def test_a_tolerance_of_zero_causes_no_division_by_zero(seed):
     """Check a duplicated loop, whose round-off counts."""
     J = np.random.default_rng(seed).normal(size=(4, 5))
     system = ConstrainedSystem(J[:3], J[[3, 3]], [0, 1, 2], rank_tolerance=0.0)
@@ -314,8 +298,6 @@ def test_joint_weights_are_exact_for_any_geometry(batched):
         np.testing.assert_allclose(rough.major, fine.major, rtol=1e-9)
         np.testing.assert_allclose(rough(target), fine(target), rtol=1e-9)
 
-
-# A tilt: products that vanish upright leave round-off.
 
 AXES = np.eye(3)
 
@@ -353,11 +335,11 @@ GEOMETRIES = st.sampled_from(["general", "flat", "one top", "parallel"])
 def points(geometry: str, rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return base and top points; all but the general ones are singular by symmetry."""
     bases, tops = rng.uniform(-1, 1, size=(2, count, 3)) + np.array([[[0, 0, -2]], [[0, 0, 2]]])
-    if geometry == "flat":  # all struts in one plane: nothing pushes across it
+    if geometry == "flat":  # all struts in one plane exert no force across it
         bases[:, 1] = tops[:, 1] = 0.0
-    if geometry == "one top":  # all struts meet at the payload's own origin: it turns freely there
+    if geometry == "one top":  # the payload rotates freely about the common point of all struts
         tops[:] = 0.0
-    if geometry == "parallel":  # nothing pushes sideways
+    if geometry == "parallel":  # no lateral force acts
         bases[:, :2] = tops[:, :2]
     return bases, tops
 
@@ -379,16 +361,16 @@ def test_a_tilted_mechanism_has_the_classification_of_the_upright_one(
     twist = block_diag(R, R)
     codes = data.draw(st.lists(st.integers(0, 2), min_size=legs, max_size=legs))
     failed = [[k for k in range(legs) if codes[k] == code] for code in (1, 2)]
-    # Directions, not rows: they turn with the mechanism.
+    # Directions rotate with the mechanism, unlike rows.
     major = np.eye(6)[data.draw(st.lists(st.integers(0, 5), min_size=1, max_size=3, unique=True))]
 
     upright = platform(bases, tops).with_failures(*failed)
     tilted = platform(bases @ R.T, tops @ R.T).with_failures(*failed)
     kin, turned_kin = upright.kinematics(), tilted.kinematics()
-    assume(kin.closure_condition < 1e3)  # beyond 5e3 round-off of the loops may reach a verdict
+    assume(kin.closure_condition < 1e3)  # beyond 5e3 round-off of the loops may change a decision
     report, turned = kin.manipulability(major), turned_kin.manipulability(major @ twist.T)
-    assert str(report) == str(turned)  # every flag, and the number of directions of each
-    # A worst gain may be small and is known to round-off of the whole.
+    assert str(report) == str(turned)  # flags, and numbers of directions
+    # A small worst gain has the round-off of the largest one.
     np.testing.assert_allclose(turned.worst_gain, report.worst_gain, atol=1e-8)
 
     turns = {
@@ -403,5 +385,5 @@ def test_a_tilted_mechanism_has_the_classification_of_the_upright_one(
         one, two = report.bases[name], turned.bases[name]
         if name == "constrained_active":
             one, two = one.T, two.T
-        # A null space is known to 1e-16 over the least singular value beside it.
+        # The accuracy of a null space is 1e-16 over the smallest nonzero singular value.
         spaces.assert_same(two, turn @ one)

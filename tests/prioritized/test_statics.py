@@ -34,10 +34,10 @@ def test_force_times_velocity_is_torque_times_rate_for_every_motion(data, sample
         targets[0] - mapping.residual(targets[0]), mapping.secondary_force(*targets)
     )
 
-    theta_dot = spaces.motions(system)  # each column a motion, all of them together any motion
+    theta_dot = spaces.motions(system)  # columns span all motions
     v, rates = system.J_T @ theta_dot, theta_dot[kin.active]
     np.testing.assert_allclose(f @ v, torques @ rates, atol=1e-7)
-    # The same through the model: v = J rates + whatever self-motion adds.
+    # The model gives v = J rates + any self-motion.
     drifting = rng.normal(size=kin.self_motion.shape[1])
     rates = rates @ rng.normal(size=rates.shape[1])
     v = kin.J @ rates + kin.self_motion @ drifting
@@ -60,7 +60,7 @@ def test_the_constraint_forces_of_a_mapping_balance_every_joint(data, sample, el
     targets = [rng.normal(size=size) for size in (1, n, m - 1)]
     torques = mapping(*targets)
     f = np.append(targets[0] - mapping.residual(targets[0]), mapping.secondary_force(*targets))
-    # Springs under the load f with every active joint held; oracle: least energy, densely.
+    # Springs under the load f with active joints fixed, compared with the least energy.
     Z = spaces.self_motions(system, kin)
     fixed, directions = np.linalg.eigh(Z.T @ K @ Z)
     stretched = Z @ directions[:, fixed > ZERO]
@@ -69,7 +69,7 @@ def test_the_constraint_forces_of_a_mapping_balance_every_joint(data, sample, el
     on_joints = loaded + closing @ kin.constraint_force(f, torques)
     np.testing.assert_allclose(on_joints[kin.active], torques, atol=1e-6)
     np.testing.assert_allclose(on_joints[kin.passive], 0, atol=1e-6)
-    # Torques that only squeeze the loops come and go with the choice of f_C.
+    # Internal torques depend on the choice of f_C.
     on_joints, rates = (
         loaded + closing @ kin.constraint_force(f),
         spaces.null(kin.active_constraint),

@@ -1,7 +1,6 @@
 """Test symmetric mechanisms: choices among equals do not depend on the last bits.
 
-Another processor computes other last bits. Here they are changed by hand: nothing that is a choice
-may change with them, and of equal things the one named first is chosen.
+The last bits, which depend on the processor, are perturbed; the first of equals must be chosen.
 """
 
 from itertools import product
@@ -104,7 +103,7 @@ def test_corners_are_distinct_and_start_with_the_same_one():
     struts = np.stack([np.cos(angle), np.sin(angle)])
     for seed in PROCESSORS:
         result = kinematics(seed, struts).attainable([0, 1], rate_limits=(-1.0, 1.0)).vertices
-        # Each pair reaches twice as far as a strut alone, and the three pairs add up.
+        # Each pair has twice the range of a strut, and the three pairs add up.
         np.testing.assert_allclose(result, 4 * struts.T, atol=1e-12)
         cube = kinematics(seed, np.eye(3)).attainable([0, 1, 2], rate_limits=(-1.0, 1.0)).vertices
         np.testing.assert_allclose(cube, list(product((-1.0, 1.0), repeat=3)), atol=1e-12)

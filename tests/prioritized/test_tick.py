@@ -158,7 +158,7 @@ def test_a_tick_solves_well_conditioned_problems(size, count):
 
 @given(SEEDS, st.floats(3.0, 17.0), st.floats(-3.0, 3.0))
 @examples(200)
-def test_the_rank_of_a_nearly_redundant_loop_row(seed, nearness, unit):
+def test_a_nearly_redundant_loop_row_has_the_decided_rank(seed, nearness, unit):
     """Check that J_C has the decided rank where the compiled method returns a result."""
     rng = np.random.default_rng(seed)
     exact = tied(rng, 1)
@@ -201,7 +201,7 @@ def test_a_separate_body_is_at_rest_unless_it_is_part_of_the_task(seed):
     assert tick is not None
     N, posed = J_T.shape[1], np.concatenate([v, desired])
     lower, upper = np.full(N, -np.inf), np.full(N, np.inf)
-    lower[-1] = 0.1  # it cannot be that the cube moves
+    lower[-1] = 0.1  # the cube cannot move
     assert tick(J_T, J_C, posed, (lower, upper)) is None
     J_T[0, -1] = 1.0
     assert tick(J_T, J_C, posed, (-upper, upper)) is None
@@ -261,7 +261,7 @@ def test_rows_scaled_tasks_and_intervals_have_no_tick(arguments):
     ],
 )
 @pytest.mark.parametrize("size", [0.2, np.inf])
-def test_levels_of_all_kinds_are_solved_as_in_general(levels, size):
+def test_levels_of_all_kinds_equal_the_general_solver(levels, size):
     """Check damping, rates before tasks, small or non-diagonal weights, duplicated tasks."""
     kin, rng, most = ARM.kinematics(), np.random.default_rng(3), np.full(3, size)
     hierarchy = kin.hierarchy(levels)
@@ -308,7 +308,7 @@ def test_a_tick_returns_none_if_errors_could_change_a_rank():
     careful = tick_of(rounded, Task([0, 1]), Task.joints())
     assert tick is not None and careful is not None
     posed = ARM.J_T, ARM.J_C, np.ones(5), FREELY
-    assert tick(*posed, 1.0) is not None  # it was said to be exact
+    assert tick(*posed, 1.0) is not None  # it was stated as exact
     assert careful(*posed, 1e-6) is not None
     assert careful(*posed, 0.5) is None
     assert careful(*posed, np.inf) is None

@@ -67,7 +67,7 @@ def test_theorems_3_4_and_5_are_special_cases(seed, m1, m2, extra):
         ((None, W2), theorem_5(J_m, J_s, W2), ["secondary"], 1e-6),
     ):
         mapping = velocity_mapping(J, major, None, *W)
-        rates = mapping(v_m, *targets.values())  # before there are gains: computed another way
+        rates = mapping(v_m, *targets.values())  # before gains are computed
         expected = major_gain @ v_m + goals_gain @ np.concatenate([targets[goal] for goal in goals])
         np.testing.assert_allclose(rates, expected, atol=10 * atol)
         result = np.hstack([getattr(mapping, goal) for goal in goals])
@@ -88,7 +88,7 @@ def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, sample):
     targets = [rng.normal(size=size) for size in (len(major), n, len(others))]
     rates = mapping(*targets)
 
-    # xi of eq. (10) is nobody's to command: passive rates take no part in self-motion.
+    # xi of eq. (10) is not commanded: passive rates contain no self-motion.
     hard = np.vstack([spaces.closure(system), spaces.self_motions(system, kin).T])
     J_T, to_rates = system.J_T, np.eye(system.J_T.shape[1])[kin.active]
     W1, W2, T = as_matrix(W1, n), as_matrix(W2, len(others)), as_matrix(T, n)
@@ -102,7 +102,7 @@ def test_rates_are_the_lexicographic_optimum_over_all_coordinates(data, sample):
         (to_rates, np.zeros(n)),
     ]
     best = spaces.dense_lexicographic(hard, levels)
-    # The mechanisms are well conditioned up to their chance sub-blocks: 1e-6 leaves these room.
+    # Random sub-blocks may be ill-conditioned, hence the tolerance of 1e-6.
     np.testing.assert_allclose(rates, best[kin.active], atol=1e-6)
     if n:
         np.testing.assert_allclose(kin.passive_rates(rates), best[kin.passive], atol=1e-6)
@@ -118,7 +118,7 @@ def test_without_weights_the_gain_is_the_moore_penrose_inverse(m, n, data, seed)
     size = 10.0 ** data.draw(st.integers(-100, 100))
     A = size * of_rank(np.random.default_rng(seed), m, n, rank)
     X = velocity_mapping(A, list(range(m))).major
-    AX, XA = A @ X, X @ A  # products of A and A^+ are of order one whatever the size
+    AX, XA = A @ X, X @ A  # products of A and A^+ are of order one for any size
     np.testing.assert_allclose(AX @ A / size, A / size, atol=1e-12)
     np.testing.assert_allclose(XA @ X * size, X * size, atol=1e-12)
     np.testing.assert_allclose(AX, AX.T, atol=1e-12)
@@ -136,9 +136,6 @@ def test_major_directions_are_as_good_as_rows_in_any_order(seed):
     paper = velocity_mapping(J, [0, 1], secondary=[3, 4, 5, 2], secondary_weight=[10, 10, 1, 1])
     ascending = velocity_mapping(J, [0, 1], secondary_weight=np.diag([1, 10, 10, 1]))
     np.testing.assert_allclose(paper.major, ascending.major, atol=1e-12)
-
-
-# Units and sizes.
 
 
 SIZES = (5e-324, 1e-310, 1e-308, 1e-200, 1e-60, 1e60, 1e110)
@@ -164,9 +161,6 @@ def test_a_common_factor_of_all_weights_changes_nothing(size):
     np.testing.assert_allclose(rates, [one, one, one], rtol=1e-9)
 
 
-# Damping.
-
-
 @given(SEEDS, st.floats(0, 14), st.floats(0, 12), st.integers(0, 2))
 def test_damping_bounds_the_rates_near_any_singularity(seed, nearness, small, bound):
     """Check that sigma / (sigma^2 + lambda^2) <= 1 / (2 lambda), with closed loops."""
@@ -185,12 +179,12 @@ def test_damping_bounds_the_rates_near_any_singularity(seed, nearness, small, bo
     assert np.linalg.norm(C @ rates) <= 1e-12 * np.linalg.norm(rates)
     assert mapping.status is Status.DAMPED
     miss = M.T @ M @ mapping.residual(v)
-    # Of J rates, where large terms cancel, in the metric.
+    # Round-off of J rates, where large terms cancel, in the metric.
     round_off = 1e-14 * float((1.0 + np.linalg.norm(rates)) * (1.0 + np.linalg.norm(M, 2) ** 2))
     np.testing.assert_allclose(Z @ J.T @ miss, damping**2 * Z @ rates, rtol=1e-6, atol=round_off)
 
 
-FADING = st.one_of(st.integers(0, 300), st.integers(153, 161))  # of these squares are denormal
+FADING = st.one_of(st.integers(0, 300), st.integers(153, 161))  # their squares are denormal
 
 
 @given(SEEDS, st.integers(1, 3), FADING)

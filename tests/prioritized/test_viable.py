@@ -61,18 +61,15 @@ def any_joints(rng, n, T=None) -> Joints:
     return Joints(*limits, T=10.0 ** rng.uniform(-4, 0) if T is None else T)
 
 
-# Oracles: dynamic programming on a lattice, and linear programs over all futures.
-
-
 def kernel(last, slow, fast, down, up):
     """Return the lattice states (i, j), 0 <= i <= last, slow <= j <= fast, that are viable.
 
-    The next is (i + k, k), j - down <= k <= j + up; what has none is removed until nothing changes.
+    The next is (i + k, k), j - down <= k <= j + up; states without one are removed repeatedly.
     """
     rates = np.arange(slow, fast + 1)
     retained = np.ones((last + 1, len(rates)), dtype=bool)
     while True:
-        # next_in[i, k]: whether rate k leads from position i to a state that is still kept
+        # next_in[i, k]: True if rate k leads from position i to a state not yet removed
         next_in = np.zeros_like(retained)
         for column, k in enumerate(rates):
             i = np.arange(max(0, -k), min(last, last - k) + 1)
@@ -86,10 +83,7 @@ def kernel(last, slow, fast, down, up):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_the_box_is_the_largest_by_dynamic_programming(seed):
-    """Check that exactly the rates in the box lead to viable states.
-
-    Braking to rest takes rates of the lattice only, so that on it nothing is lost.
-    """
+    """Check that exactly the rates in the box lead to viable states, by braking on the lattice."""
     rng = np.random.default_rng(seed)
     last, slow, fast = int(rng.integers(0, 60)), -int(rng.integers(0, 12)), int(rng.integers(0, 12))
     down, up = int(rng.integers(1, 5)), int(rng.integers(1, 5))
@@ -118,7 +112,7 @@ def extreme_rate(joints: Joints, x: float, v: float, sign: int, ticks: int) -> f
     step = (np.eye(ticks) - np.eye(ticks, k=-1)) / joints.T
     before = np.append(v / joints.T, np.zeros(ticks - 1))
     rows = np.vstack([total, -total, step, -step])
-    room = np.concatenate(
+    bounds = np.concatenate(
         [
             np.full(ticks, joints.x_max - x),
             np.full(ticks, x - joints.x_min),
@@ -127,7 +121,7 @@ def extreme_rate(joints: Joints, x: float, v: float, sign: int, ticks: int) -> f
         ]
     )
     cost = -sign * np.eye(ticks)[0]
-    result = linprog(cost, rows, room, bounds=(joints.v_min, joints.v_max), method="highs")
+    result = linprog(cost, rows, bounds, bounds=(joints.v_min, joints.v_max), method="highs")
     return None if result.status == 2 else float(result.x[0])
 
 
@@ -172,9 +166,6 @@ def test_the_fastest_rate_stops_exactly_at_the_limit_in_any_units(steps, braking
     assert end == pytest.approx(float(w), rel=1e-13, abs=0)
 
 
-# For ever.
-
-
 def walk(joints: Joints, x, v, ticks, rng):
     """Return positions, rates and boxes of joints that stay at one end of the box for a while."""
     fixed = rng.random(np.shape(x))
@@ -200,12 +191,9 @@ def test_no_limit_is_ever_violated_by_rates_of_the_box(seed, ticks):
         assert (box.lower <= box.upper).all()
         assert (joints.beyond(x) <= 1e-12).all()
         assert ((v >= joints.v_min) & (v <= joints.v_max)).all()
-        room = 4 * EPS * np.maximum(abs(v), abs(before))
-        assert (v <= before + joints.T * joints.a_max + room).all()
-        assert (v >= before + joints.T * joints.a_min - room).all()
-
-
-# Outside.
+        round_off = 4 * EPS * np.maximum(abs(v), abs(before))
+        assert (v <= before + joints.T * joints.a_max + round_off).all()
+        assert (v >= before + joints.T * joints.a_min - round_off).all()
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -221,7 +209,7 @@ def test_limits_are_restored_from_any_state(seed):
     x, v = rng.uniform(-5, 5, 300), rng.uniform(-5, 5, 300)
     viable = np.zeros(300, dtype=bool)
     for _, w, before, box in walk(joints, x, v, 1500, rng):
-        assert (box.viable | ~viable).all()  # once saved, for ever
+        assert (box.viable | ~viable).all()  # viable states stay viable
         viable = box.viable
         assert (box.lower <= box.upper).all()
         assert (box.viable | (box.lower == box.upper)).all()
@@ -256,21 +244,21 @@ def test_the_return_from_far_outside_respects_the_other_limit():
 @pytest.mark.parametrize(
     ("limits", "x", "v", "viable", "lower", "upper"),
     [
-        # Rates outrank positions: at 3 times the rate limit, below the lower position limit.
+        # Rates have priority over positions: 3 times the rate limit, below the position limit.
         ((0.0, 1.0, -1.0, 1.0, -5.0, 5.0), -0.5, 3.0, False, 2.5, 2.5),
-        # Limits count from the next tick on: what is past is past.
+        # Limits apply from the next tick on.
         ((0.0, 1.0, -9.0, 9.0, -5.0, 5.0), 1.01, 0.0, True, -0.5, -0.1),
-        # Four ticks of full braking end at 1 m, less a part of it; round-off is no loss of it.
+        # Four ticks of full braking end at 1 m; round-off must not exclude it.
         ((-1.0, 1.0, -9.0, 9.0, -10.0, 10.0), 0.4 + 1e-14, 4.0, True, 3.0, 3.0),
         ((-1.0, 1.0, -9.0, 9.0, -10.0, 10.0), 0.4 + 1e-9, 4.0, False, 3.0, 3.0),
-        # Without limits of one kind the others are the box.
+        # Without limits of one kind, the others give the box.
         ((-INF, INF, -INF, INF, -INF, INF), 3.0, 4.0, True, -INF, INF),
         ((0.0, 1.0, -INF, INF, -INF, INF), 0.25, 4.0, True, -2.5, 7.5),
         ((-INF, INF, -1.0, 2.0, -INF, INF), 3.0, -70.0, True, -1.0, 2.0),
         ((-INF, INF, -INF, INF, -5.0, 3.0), 3.0, 4.0, True, 3.5, 4.3),
     ],
 )
-def test_exact_boxes(limits, x, v, viable, lower, upper):
+def test_boxes_equal_those_computed_by_hand(limits, x, v, viable, lower, upper):
     box = Joints(*limits, T=0.1).box([x], [v])
     assert box.viable[0] == viable
     assert (box.lower[0], box.upper[0]) == pytest.approx((lower, upper))
@@ -282,9 +270,6 @@ def test_one_rate_remains_if_braking_just_suffices():
     box = joints.box(np.full(7, 1.0), 1.0 + 1e-13 * np.arange(-3, 4))
     assert box.viable.all()
     np.testing.assert_array_equal(box.lower, box.upper)
-
-
-# Extremes.
 
 
 @pytest.mark.parametrize("d", [1e12, 1e25, 1e40, 1e100])
@@ -305,7 +290,7 @@ POSITIVE = st.one_of(st.floats(1e-119, 1e119), st.just(np.inf))
     sizes=st.tuples(LARGE, LARGE, LARGE, POSITIVE, POSITIVE),
     T=st.floats(1e-119, 1e119),
 )
-def test_no_ratio_of_limits_empties_a_box_or_ends_in_nan(state, x_min, sizes, T):
+def test_no_ratio_of_limits_empties_a_box_or_gives_nan(state, x_min, sizes, T):
     """Check that rest is always allowed at rest within the limits."""
     (x, v), (range_, slow, fast, down, up) = state, sizes
     joints = Joints(x_min, x_min + range_, -slow, fast, -down, up, T)

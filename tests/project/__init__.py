@@ -1,1 +1,0 @@
-"""The project itself: rooms, pages, wheel, workflows."""

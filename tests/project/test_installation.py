@@ -1,4 +1,4 @@
-"""One package after installation; what is absent or hidden is one sentence; one version."""
+"""Tests of the installed package, messages for missing packages, and the version."""
 
 import ast
 import importlib
@@ -24,24 +24,24 @@ from hatch_build import FOLDERS, stage
 ROOT = Path(__file__).parents[2]
 
 
-def python(folder: Path, *words: str, path: Path = ROOT) -> subprocess.CompletedProcess[str]:
-    """Outcome of the interpreter in a user's folder, with this project behind it on the path."""
+def python(folder: Path, *arguments: str, path: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    """Run the interpreter in a user's folder, with this project behind it on the path."""
     environment = os.environ | {"PYTHONPATH": str(path)}
     return subprocess.run(
-        [sys.executable, *words], cwd=folder, env=environment, capture_output=True, text=True
+        [sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True
     )
 
 
 def users_own(folder: Path) -> None:
-    """Packages of the user's own, under names that this project's folders have too."""
+    """Create packages of the user with the names of this project's folders."""
     for name in ("experiments", "models", "sim"):
         (folder / name).mkdir()
         (folder / name / "__init__.py").write_text("MINE = True\n")
 
 
 @pytest.mark.long
-def test_installed_it_leaves_other_peoples_names_alone(tmp_path):
-    """A script beside `sim/`, `models/` and `experiments/` of the user's own gets both."""
+def test_an_installed_package_does_not_hide_packages_of_the_user(tmp_path):
+    """A script next to folders `sim`, `models` and `experiments` of the user imports both."""
     stage(ROOT, tmp_path / "site" / "fjh")
     user = tmp_path / "user"
     user.mkdir()
@@ -58,7 +58,7 @@ def test_installed_it_leaves_other_peoples_names_alone(tmp_path):
 
 
 @pytest.mark.long
-def test_in_the_wheel_every_import_begins_at_the_one_package(tmp_path):
+def test_every_import_in_the_wheel_starts_at_fjh(tmp_path):
     stage(ROOT, tmp_path / "fjh")
     left = set()
     for file in tmp_path.rglob("*.py"):
@@ -77,7 +77,7 @@ def test_in_the_wheel_every_import_begins_at_the_one_package(tmp_path):
     assert not left
 
 
-def test_in_a_checkout_both_names_are_one_object():
+def test_both_names_in_a_checkout_are_one_object():
     assert fjh.Rig is fjh.rig.Rig
     assert fjh.load_model is sim.load_model
     assert fjh.ConstrainedSystem is prioritized.ConstrainedSystem
@@ -87,53 +87,55 @@ def test_in_a_checkout_both_names_are_one_object():
     assert sim.__spec__.name == sim.__name__ == "sim"
 
 
-def test_its_packages_are_the_folders_of_the_wheel():
+def test_the_packages_of_fjh_are_the_folders_of_the_wheel():
     packages = {name for name in fjh.__all__ if isinstance(getattr(fjh, name), ModuleType)}
     assert packages == {"experiments", "ftc", "prioritized", "sim"} < set(FOLDERS)
-    assert set(FOLDERS) - {"models"} == set(fjh._checkout.FOLDERS)  # models are no Python
+    assert set(FOLDERS) - {"models"} == set(fjh._checkout.FOLDERS)  # models contain no Python
 
 
 @pytest.mark.parametrize("name", fjh.__all__)
-def test_each_of_its_names_is_there_and_documented(name):
+def test_each_public_name_exists_and_is_documented(name):
     assert getattr(fjh, name).__doc__
     assert name in dir(fjh)
 
 
-def test_what_it_does_not_have_is_an_attribute_error():
+def test_an_unknown_name_is_an_attribute_error():
     assert not hasattr(fjh, "rigs")
 
 
-def test_its_import_waits_for_nothing(tmp_path):
+def test_the_import_of_fjh_loads_no_large_package(tmp_path):
     code = "import sys, fjh; print({'numpy', 'mujoco', 'cffi'} & set(sys.modules))"
     assert python(tmp_path, "-c", code).stdout == "set()\n"
 
 
-def test_in_a_checkout_a_folder_that_hides_a_package_is_named(tmp_path):
+def test_a_folder_that_hides_a_package_of_the_checkout_is_reported(tmp_path):
     users_own(tmp_path)
     done = python(tmp_path, "-c", "import fjh")
-    said = f"{tmp_path}/experiments/__init__.py, not {ROOT}/experiments: rename it, or install fjh"
-    assert said in done.stderr.splitlines()[-1]
+    message = (
+        f"{tmp_path}/experiments/__init__.py, not {ROOT}/experiments: rename it, or install fjh"
+    )
+    assert message in done.stderr.splitlines()[-1]
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_without_the_testbeds_extra_the_command_says_what_to_install(monkeypatch, capsys, package):
-    monkeypatch.setitem(sys.modules, package, None)  # what an import of it meets
+def test_the_command_reports_a_missing_extra(monkeypatch, capsys, package):
+    monkeypatch.setitem(sys.modules, package, None)  # its import then fails
     with pytest.raises(SystemExit) as end:
         run()
     assert end.value.code == 2
-    said = capsys.readouterr().err
-    assert f'not installed, {package}: in a checkout, pip install ".[all]"' in said
-    assert said.count("\n") == 1
+    message = capsys.readouterr().err
+    assert f'not installed, {package}: in a checkout, pip install ".[all]"' in message
+    assert message.count("\n") == 1
 
 
-def test_sim_without_mujoco_says_what_to_install(tmp_path):
+def test_sim_reports_a_missing_extra(tmp_path):
     absent = "import sys; sys.modules['mujoco'] = None; "
     last = python(tmp_path, "-c", absent + "import sim").stderr.splitlines()[-1]
-    said = "ModuleNotFoundError: sim needs mujoco, which is not installed: in a checkout, "
-    assert last == f'{said}pip install ".[sim]"'
+    message = "ModuleNotFoundError: sim needs mujoco, which is not installed: in a checkout, "
+    assert last == f'{message}pip install ".[sim]"'
 
 
-def test_there_is_one_version(capsys):
+def test_all_packages_have_one_version(capsys):
     version = argument_checks.__version__
     assert {prioritized.__version__, ftc.__version__, sim.__version__} == {version}
     assert main(["--version"]) == 0
@@ -145,17 +147,17 @@ NOT_OF_SIM = ("rerun", "rerun_loader_mjcf", "pyarrow", "typer", "rich", "distrib
 
 
 @pytest.mark.long
-def test_a_rig_needs_the_extra_sim_alone(tmp_path):
-    """Who flies a robot from Python needs none of what recordings, tables and commands need."""
+def test_a_rig_needs_only_the_extra_sim(tmp_path):
+    """Simulation from Python needs no packages for recordings, tables or commands."""
     code = f"""
 import sys
 
-class Refused:
+class Missing:
     def find_spec(self, name, path=None, target=None):
         if name.split(".")[0] in {NOT_OF_SIM}:
             raise ImportError(name)
 
-sys.meta_path.insert(0, Refused())
+sys.meta_path.insert(0, Missing())
 from fjh.rig import Rig
 rig = Rig.hexapod()
 print(rig.fly(rig.controller(), [[0.0, 0.0]]).status)

@@ -1,4 +1,4 @@
-"""The code of every page runs, once, prints what stands below it, and does what the page says."""
+"""Tests that the code of every page runs and prints the stated output."""
 
 import contextlib
 import json
@@ -39,7 +39,7 @@ def code(page: str, language: str) -> list[str]:
 
 
 def prepare(page: str, folder: Path, request: pytest.FixtureRequest) -> None:
-    """Put what the reader of a page has into a folder."""
+    """Create the files that a page requires in a folder."""
     if page == "docs/track.md":
         shutil.copy(MODELS / "arm.xml", folder / "arm.xml")
     elif page == "docs/load.md":
@@ -53,7 +53,7 @@ def prepare(page: str, folder: Path, request: pytest.FixtureRequest) -> None:
 
 @pytest.fixture(scope="session")
 def names_of(tmp_path_factory, request):
-    """What a page's code leaves: its names, and `folder`, where it ran; each page runs once."""
+    """Return a function from a page to its names and its `folder`; each page runs once."""
     done: dict[str, dict[str, Any]] = {}
 
     def names(page: str) -> dict[str, Any]:
@@ -71,40 +71,38 @@ pytestmark = pytest.mark.long
 
 
 @pytest.mark.parametrize("page", WITH_CODE)
-def test_the_code_of_a_page_runs_and_prints_what_stands_below_it(page, names_of):
+def test_the_code_of_a_page_prints_the_stated_output(page, names_of):
     assert names_of(page)
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if "```sh\n" in page.read_text()], ids=str)
-def test_the_command_line_takes_every_command_of_a_page(page):
-    """Names, options and their values; nothing is run."""
+def test_the_command_line_accepts_every_command_of_a_page(page):
+    """Names, options and their values are parsed; no command is run."""
     app = typer.main.get_command(app_of(*LINES))
     for line in "".join(code(str(page), "sh")).splitlines():
-        program, *words = shlex.split(line, comments=True) or [""]
+        program, *arguments = shlex.split(line, comments=True) or [""]
         if Path(program).name == "fjh":
-            found: Any = app
-            context = found.make_context("fjh", words)
-            while hasattr(found, "resolve_command"):
-                words = [*context._protected_args, *context.args]
-                _, found, words = found.resolve_command(context, words)
-                context = found.make_context(found.name, words, parent=context)
+            parser: Any = app
+            context = parser.make_context("fjh", arguments)
+            while hasattr(parser, "resolve_command"):
+                arguments = [*context._protected_args, *context.args]
+                _, parser, arguments = parser.resolve_command(context, arguments)
+                context = parser.make_context(parser.name, arguments, parent=context)
 
 
 @pytest.mark.parametrize("robot", ["unknown_arm", "unnamed_gantry"])
-def test_the_readmes_lines_survive_a_robot_that_they_do_not_know(
-    robot, tmp_path, monkeypatch, capsys
-):
-    """They name the lock; by sensors whose noise hides everything they say why there is none."""
+def test_the_code_of_the_readme_works_for_other_robots(robot, tmp_path, monkeypatch, capsys):
+    """The lock is identified; with noise that hides all signals, the reason is printed."""
     monkeypatch.chdir(tmp_path)
     shutil.copy(Path(__file__).parents[1] / "models" / f"{robot}.xml", tmp_path / "yours.xml")
     site, joint, rig = {
         "unknown_arm": ('"tool"', "j2", "major=[4, 5]"),
         "unnamed_gantry": ("3", "car", "major=[3, 4], noise=1.0, crossover=0.5"),
     }[robot]
-    own = code("README.md", "python")[0].replace('fjh.MODELS / "arm.xml"', '"yours.xml"')
-    own = own.replace("motor4", joint).replace('"payload"', site)
+    changed = code("README.md", "python")[0].replace('fjh.MODELS / "arm.xml"', '"yours.xml"')
+    changed = changed.replace("motor4", joint).replace('"payload"', site)
     names: dict = {}
-    exec(own.replace('major=["x", "y", "z"]', rig), names)
+    exec(changed.replace('major=["x", "y", "z"]', rig), names)
     printed = capsys.readouterr().out
     if robot == "unknown_arm":
         assert printed.startswith("m2 was identified as locked at 2.")
@@ -114,21 +112,21 @@ def test_the_readmes_lines_survive_a_robot_that_they_do_not_know(
         assert "Nothing was diagnosed; the sensors agree with the prediction of" in printed
 
 
-def test_the_tick_of_the_page_takes_its_general_way_where_a_rank_is_in_doubt(capsys):
+def test_the_tick_of_the_page_uses_the_general_solver_if_a_rank_is_uncertain(capsys):
     (script,), (printed,) = (code("docs/performance.md", kind) for kind in ("python", "text"))
     exec(script.replace("if qvel is None", "if True"), {})
     assert_prints(capsys.readouterr().out, printed)
 
 
 def table(heading: str) -> Iterator[list[str]]:
-    """Rows of the table on recordings whose first heading this is."""
+    """Yield the rows of the table of docs/recordings.md with this first heading."""
     page = text("docs/recordings.md")
     for line in page.split(f"|{heading}|")[1].split("\n\n")[0].splitlines()[2:]:
         yield [cell.strip(" `") for cell in line.strip("|").split("|")]
 
 
-def test_the_tables_of_entities_and_arrays_have_all_that_the_files_hold(names_of):
-    """No entity in no row or in two, and as many as the row says."""
+def test_the_tables_list_all_entities_and_arrays_of_the_files(names_of):
+    """Entities match exactly one row, and as many as the row states."""
     folder = names_of("docs/recordings.md")["folder"]
     schema = RrdReader(folder / "W_e.rrd").store().schema()
     patterns = {entity.replace("*", "[^/]+"): int(count) for entity, count, *_ in table("entity")}
@@ -150,16 +148,15 @@ def test_the_study_of_the_page_writes_its_files_and_its_checks_can_fail(names_of
     runs = pd.DataFrame(summary["runs"])
     assert 0 < np.ptp(runs.alpha_rms_urad) < 0.05 * runs.alpha_rms_urad[0]
     assert [each.passed for each in names["checks"](runs)] == [True] * 4
-    for spoilt, kept in (
+    for spoilt, passed in (
         ({"alpha_rms_urad": 1.06 * runs.alpha_rms_urad}, [False, False, True, True]),
         ({"gap_m": 1e-6}, [True, True, False, False]),
     ):
-        assert [each.passed for each in names["checks"](runs.assign(**spoilt))] == kept
+        assert [each.passed for each in names["checks"](runs.assign(**spoilt))] == passed
 
 
 @pytest.mark.parametrize("name", ["fjh", "arm", "arms", "hand", "platform"])
-def test_every_number_of_a_machine_file_says_where_it_comes_from(name):
-    """The nearest comment above names its origin."""
+def test_every_number_of_a_machine_file_has_a_stated_source(name):
     comment = ""
     for token in re.findall(
         r"<!--.*?-->|<[^!?/][^>]*>", (MODELS / f"{name}.xml").read_text(), re.DOTALL

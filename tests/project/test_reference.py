@@ -1,4 +1,4 @@
-"""The reference has every public name of every package."""
+"""Tests that the reference has every public name of every package."""
 
 import importlib
 import re
@@ -15,9 +15,9 @@ PUBLIC = (
     *("prioritized", "sim", "sim.mjcf", "sim.plant", "sim.scene", "sim.tasks"),
     *("ftc", "ftc.control", "ftc.fdi"),
 )
-"""Modules with lists of public names; the imports of all others are refused by `make check`."""
+"""Modules with lists of public names; `make check` rejects imports of others."""
 NOT_DOCUMENTED = {"Array", "log_warnings"}
-"""The type of all arrays, explained in words; what `sim` itself calls."""
+"""Public names outside the reference: the type of all arrays, and a helper of `sim`."""
 
 
 @pytest.mark.parametrize("module", PUBLIC)
@@ -32,5 +32,5 @@ def test_the_reference_has_every_public_name(module):
     assert missing <= NOT_DOCUMENTED
 
 
-def test_the_reference_has_every_name_of_the_one_package():
+def test_the_reference_has_every_name_of_fjh():
     assert set(re.findall(r"`fjh\.(\w+)`", (API / "fjh.md").read_text())) == set(fjh.__all__)

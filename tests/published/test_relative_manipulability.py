@@ -53,7 +53,7 @@ def test_the_mean_square_is_that_of_the_theorem_on_any_matrix_and_any_arm(seed, 
     r = relative_manipulabilities(system_of(J), i)
     assert_theorem(r, J, i)
     left = [squared_volume(np.delete(J, lost, axis=1)) for lost in combinations(range(n), i)]
-    # Of a nearly singular remainder the determinant keeps fewer digits than the singular values.
+    # The determinant of a nearly singular remainder has fewer digits than the singular values.
     np.testing.assert_allclose(r**2, np.array(left) / squared_volume(J), rtol=1e-9, atol=1e-12)
 
 

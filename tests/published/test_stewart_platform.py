@@ -119,7 +119,7 @@ def test_the_mobility_divides_by_the_change_of_length_and_the_published_one_mult
     set_of_translations = platform.upright.kinematics().attainable([0, 1, 2], (-50, 50))
     assert set_of_translations.radius == pytest.approx(50.0, abs=1e-9)
     assert (50.0 / change).min() == pytest.approx(50.0, abs=0.01)
-    # A ball may not be larger: each strut bounds translations along itself.
+    # No larger ball is possible, since each strut bounds translations along itself.
     np.testing.assert_allclose(set_of_translations.support(along), 50.0, atol=1e-9)
 
 

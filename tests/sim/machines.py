@@ -9,33 +9,33 @@ import pytest
 import scipy.linalg
 
 from sim import MODELS, Plant, assemble, linearize, load_model
-from tests.models import model
+from tests.models import model_of
 from tests.motions import shifted
 
 SHIPPED = "fjh", "arm", "arms", "hand", "platform"
 """Models of this repository that a plant can simulate."""
 SPARSE = 'jacobian="dense"', 'jacobian="sparse"'
-stored = pytest.mark.parametrize("storage", [(), (SPARSE,)], ids=["dense", "sparse"])
+stored_options = pytest.mark.parametrize("storage", [(), (SPARSE,)], ids=["dense", "sparse"])
 
 
-def at(of: mujoco.MjModel, **joints: object) -> mujoco.MjData:
+def state_at(model: mujoco.MjModel, **joints: object) -> mujoco.MjData:
     """Create a state with given positions of some joints."""
-    data = mujoco.MjData(of)
+    data = mujoco.MjData(model)
     for name, value in joints.items():
         data.joint(name).qpos = value
-    mujoco.mj_forward(of, data)
+    mujoco.mj_forward(model, data)
     return data
 
 
-def opened(of: mujoco.MjModel, size: float, seed: int = 0) -> mujoco.MjData:
+def open_state(model: mujoco.MjModel, size: float, seed: int = 0) -> mujoco.MjData:
     """Create a state a random step away from the default."""
-    step = size * np.random.default_rng(seed).normal(size=of.nv)
-    return shifted(of, mujoco.MjData(of), step)
+    step = size * np.random.default_rng(seed).normal(size=model.nv)
+    return shifted(model, mujoco.MjData(model), step)
 
 
-def closed(of: mujoco.MjModel, seed: int = 0) -> mujoco.MjData:
+def closed_state(model: mujoco.MjModel, seed: int = 0) -> mujoco.MjData:
     """Create a random state with closed loops."""
-    return assemble(of, opened(of, 0.1, seed))
+    return assemble(model, open_state(model, 0.1, seed))
 
 
 def stretched(unit: float, bend: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
@@ -45,7 +45,7 @@ def stretched(unit: float, bend: float) -> tuple[mujoco.MjModel, mujoco.MjData]:
       <body pos="{0.3 * unit} 0 0"><joint name="b" axis="0 0 1"/><geom size="0.03" mass="1"/>
         <site name="tip" pos="{0.25 * unit} 0 0"/></body></body></worldbody>
       <actuator><motor joint="a"/><motor joint="b"/></actuator></mujoco>""")
-    return arm, at(arm, b=bend)
+    return arm, state_at(arm, b=bend)
 
 
 TURN = np.array([2.0, -1.0, 2.0]) / 3.0
@@ -54,13 +54,10 @@ TURN = np.array([2.0, -1.0, 2.0]) / 3.0
 
 def limited(hinge: float = 0.1, slide: float = 0.05, ball: float = 0.2) -> mujoco.MjData:
     """Create a state of three joints that have limits."""
-    data = mujoco.MjData(model("limited"))
+    data = mujoco.MjData(model_of("limited"))
     data.qpos[:2] = hinge, slide
     mujoco.mju_axisAngle2Quat(data.qpos[2:], TURN, ball)
     return data
-
-
-# Plants.
 
 
 @cache
@@ -76,16 +73,16 @@ POSES = {
 WORLD: dict[str, Any] = {"base": None, "payload": "tool"}
 
 
-def posed(name: str, *changes: tuple[str, str]) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def started_model(name: str, *changes: tuple[str, str]) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Load a model with locks, and a closed start."""
-    of = model(name, *changes, add_locks=True)
-    return of, assemble(of, at(of, **POSES[name]))
+    model = model_of(name, *changes, add_locks=True)
+    return model, assemble(model, state_at(model, **POSES[name]))
 
 
-def started(name: str, *changes: tuple[str, str]) -> Plant:
+def plant_of(name: str, *changes: tuple[str, str]) -> Plant:
     """Create the plant of a model at its closed start."""
-    of, start = posed(name, *changes)
-    return Plant(of, **WORLD, start=start)
+    model, start = started_model(name, *changes)
+    return Plant(model, **WORLD, start=start)
 
 
 def pendulum(actuators: str, joint: str = "", cable: str = "") -> mujoco.MjModel:
@@ -98,8 +95,6 @@ def pendulum(actuators: str, joint: str = "", cable: str = "") -> mujoco.MjModel
       <equality><{kind} name="lock1" {kind}1="{name}" active="false"/></equality>
       <actuator>{actuators}</actuator></mujoco>""")
 
-
-# Transmissions of every kind on one linkage, `tests/models/linkage.xml`.
 
 FREEDOMS = 7
 
@@ -138,7 +133,7 @@ CASES = {
     "site with refsite": Case(
         '<motor name="m" site="tool" refsite="post" gear="3 0 -4 0 0 0"/>', [("m", ("m",), (5.0,))]
     ),
-    # Without a length, or with one whose slope is not the velocity, as the rotation vector's.
+    # Drives without a length, or with one whose slope is not the velocity (rotation vector).
     "site": Case('<motor name="m" site="tool" gear="0 3 0 4 0 0"/>', [("m", ("m",), (5.0,))]),
     "turn of a site": Case(
         '<motor name="m" site="tool" refsite="post" gear="0 0 0 0 -1 0"/>', [("m", ("m",), (1.0,))]
@@ -172,16 +167,13 @@ TWO = '<motor name="m1" joint="crank" gear="-3"/><motor name="m2" jointinparent=
 
 def linkage(*changes: tuple[str, str], actuators: str = TWO) -> mujoco.MjModel:
     """Load the linkage with some actuators."""
-    return model("linkage", ("<actuator/>", f"<actuator>{actuators}</actuator>"), *changes)
+    return model_of("linkage", ("<actuator/>", f"<actuator>{actuators}</actuator>"), *changes)
 
 
 def mechanism(actuators: str, seed: int = 0) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Load the linkage with some actuators, and a random closed state."""
-    of = linkage(actuators=actuators)
-    return of, closed(of, seed)
-
-
-# Hexapod.
+    model = linkage(actuators=actuators)
+    return model, closed_state(model, seed)
 
 
 @cache
@@ -202,15 +194,15 @@ def settled(seconds: float) -> Plant:
     return plant
 
 
-def ring_down(of: mujoco.MjModel, shape: np.ndarray, seconds: float) -> np.ndarray:
+def ring_down(model: mujoco.MjModel, shape: np.ndarray, seconds: float) -> np.ndarray:
     """Simulate free motion after a velocity along one mode; return its amplitude, (N,)."""
-    data = mujoco.MjData(of)
-    mujoco.mj_forward(of, data)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
     data.qvel[:] = shape * 1e-3
-    samples, step = [], np.empty(of.nv)
-    for _ in range(round(seconds / of.opt.timestep)):
-        mujoco.mj_step(of, data)
-        mujoco.mj_differentiatePos(of, step, 1.0, of.qpos0, data.qpos)
+    samples, step = [], np.empty(model.nv)
+    for _ in range(round(seconds / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+        mujoco.mj_differentiatePos(model, step, 1.0, model.qpos0, data.qpos)
         samples.append(shape @ step)
     return np.array(samples)
 

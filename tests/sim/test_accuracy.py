@@ -11,18 +11,15 @@ from fjh.ik import Ik
 from prioritized import ConstrainedSystem
 from sim import MODELS, CenterOfMass, FrameTask, JacobianReader, Jacobians, jacobians, load_model
 from sim.mjcf.accuracy import roundings
-from tests.models import model
+from tests.models import model_of
 from tests.motions import kinematics
-from tests.sim.machines import at, stretched
+from tests.sim.machines import state_at, stretched
 
 
 def three_rrr(
     digits: int = 17, axes: np.ndarray | None = None, base: str = "", driven: str = ""
 ) -> mujoco.MjModel:
-    """A planar 3-RRR: seven hinges, two connects of which one row each is redundant.
-
-    Axes are along z, or as given, shape (7, 3); `base` is the joint of the body that carries all.
-    """
+    """Create a planar 3-RRR: seven hinges, axes (7, 3); two connects with a redundant row each."""
     axes = np.tile([0.0, 0.0, 1.0], (7, 1)) if axes is None else axes
     feet = np.array([[np.cos(a), np.sin(a)] for a in (0.5, 0.5 + 2.1, 0.5 + 4.1)]) * 0.87654321
     tips, knees = 0.3 * feet + 0.01234567, np.array([[0.8, 0.3], [-0.75, 0.25], [-0.1, -0.85]])
@@ -51,7 +48,7 @@ def three_rrr(
     </mujoco>""")
 
 
-def taken(model: mujoco.MjModel) -> Jacobians:
+def jacobians_of(model: mujoco.MjModel) -> Jacobians:
     return jacobians(model, mujoco.MjData(model), "tool")
 
 
@@ -62,14 +59,11 @@ def classification(jac: Jacobians, accuracy: float | None = None) -> tuple[int, 
     return kin.self_motion.shape[1], len(kin.active_constraint), int(rank)
 
 
-# One number of the whole geometry.
-
-
 def test_exact_numbers_show_no_rounding():
     """Check zeros, ones, numbers of few digits and numbers in full."""
     for name in ("arm", "hand", "platform", "arms", "fjh"):
         assert not roundings(load_model(MODELS / f"{name}.xml"))
-    jac = taken(three_rrr())
+    jac = jacobians_of(three_rrr())
     assert jac.geometry_accuracy < 1e-15
     assert not jac.accuracy.J_T_error.any()
     assert classification(jac) == (0, 0, 3)
@@ -77,20 +71,20 @@ def test_exact_numbers_show_no_rounding():
 
 def test_rounded_numbers_show_their_rounding():
     """Check half a unit of the last of six digits, and a rounded zero of a direction."""
-    assert 4e-7 < taken(three_rrr(digits=6)).geometry_accuracy < 5.1e-6
+    assert 4e-7 < jacobians_of(three_rrr(digits=6)).geometry_accuracy < 5.1e-6
     for component in range(7):
         axes = np.tile([0.0, 0.0, 1.0], (7, 1))
         axes[component, 0] = 1e-8
-        assert 1e-8 <= taken(three_rrr(axes=axes)).geometry_accuracy < 1.001e-8
+        assert 1e-8 <= jacobians_of(three_rrr(axes=axes)).geometry_accuracy < 1.001e-8
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_skew_axes_do_not_change_the_classification_at_the_models_accuracy(seed):
-    """Without the accuracy, axes off by 1e-8 seem to block the machine."""
+    """Axes off by 1e-8 would block the machine at an accuracy of zero."""
     skewed = np.tile([0.0, 0.0, 1.0], (7, 1))
     skewed[:, :2] = 1e-8 * np.random.default_rng(seed).uniform(-1.0, 1.0, size=(7, 2))
     for rounded in (three_rrr(digits=6), three_rrr(axes=skewed)):
-        jac = taken(rounded)
+        jac = jacobians_of(rounded)
         assert jac.geometry_accuracy > 1e-9
         assert classification(jac, jac.geometry_accuracy) == (0, 0, 3)
         kin = ConstrainedSystem.of(jac).kinematics()
@@ -105,7 +99,7 @@ BASE = '<joint name="base" axis="0.3 -0.5 0.8" pos="0.2 0.1 -0.3"/>'
 
 def parallelogram(base: str, driven: str) -> mujoco.MjModel:
     joint, motor = '<joint name="base" axis="0 0 1"/>', '<motor name="turn" joint="base"/>'
-    return model("parallelogram", (joint, base), (motor, driven))
+    return model_of("parallelogram", (joint, base), (motor, driven))
 
 
 @pytest.mark.parametrize("gap", [1e-12, 1e-11, 1e-10, 1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3])
@@ -117,17 +111,14 @@ def test_loop_gaps_do_not_change_the_classification(make, freedoms, rate, driven
     """Rates depend on a gap by no more than its size, as rows are taken at one point."""
     mechanism = make(base=BASE, driven=driven)
     expected = (0, 0, freedoms + 1) if driven else (1, 0, freedoms)
-    exact = kinematics(taken(mechanism)).J
+    exact = kinematics(jacobians_of(mechanism)).J
     for axis in range(3):
-        of = copy.copy(mechanism)
-        of.eq_data[-1, axis] += gap
-        jac = jacobians(of, mujoco.MjData(of), "tool", closure_tolerance=2e-3)
+        model = copy.copy(mechanism)
+        model.eq_data[-1, axis] += gap
+        jac = jacobians(model, mujoco.MjData(model), "tool", closure_tolerance=2e-3)
         assert jac.closure_residual == pytest.approx(gap, rel=1e-3)
         assert classification(jac) == expected
         assert np.abs(kinematics(jac).J - exact).max() < rate * gap + 1e-12
-
-
-# An error of each entry: plain MuJoCo with every number moved.
 
 
 def chain(rng: np.random.Generator, unit: int = 0, loops: str = "") -> mujoco.MjModel:
@@ -156,7 +147,7 @@ def chain(rng: np.random.Generator, unit: int = 0, loops: str = "") -> mujoco.Mj
     )
 
 
-def shaken(model: mujoco.MjModel, rng: np.random.Generator) -> mujoco.MjModel:
+def perturbed(model: mujoco.MjModel, rng: np.random.Generator) -> mujoco.MjModel:
     """Change each rounded number at random within half a unit of its last digit."""
     other = copy.copy(model)
     for field, row, column, half, _ in roundings(model):
@@ -184,7 +175,7 @@ def test_error_bounds_hold_for_all_numbers_within_their_rounding(seed, loops, dr
     rng = np.random.default_rng(seed)
     model = chain(rng, loops=loops)
     qpos = rng.uniform(-1.0, 1.0, size=model.nq)
-    jac, others = read(model, qpos), [read(shaken(model, rng), qpos) for _ in range(draws)]
+    jac, others = read(model, qpos), [read(perturbed(model, rng), qpos) for _ in range(draws)]
     accuracy = dataclasses.replace(jac, closure_residual=0.0)
     errors = accuracy.J_T_error, accuracy.J_C_error
     natural = accuracy.task_units, accuracy.constraint_units
@@ -246,7 +237,7 @@ def test_in_another_unit_of_length_the_natural_errors_are_the_same(unit):
     assert b is not None
     assert b.structure.length == pytest.approx(a.structure.length * 10.0**unit, rel=1e-9)
     assert b.error_bound == pytest.approx(a.error_bound, rel=1e-6)
-    # The slide of 0.3 m is not that of 0.3 of another unit: its joint, and its place, differ.
+    # A slide of 0.3 m differs from one of 0.3 of another unit in joint and place.
     turns = [0, 1, 2, 4]
     np.testing.assert_allclose(
         b.J_T_error[:3, turns], a.J_T_error[:3, turns], rtol=1e-5, atol=1e-12
@@ -271,7 +262,7 @@ def test_short_numbers_are_exact_unless_most_of_a_file_was_rounded(written, roun
 def test_no_tick_copies_the_model(monkeypatch):
     """Copying the model of a robot with meshes takes longer than a tick."""
     model, copies = three_rrr(digits=6), []
-    data, task = at(model), FrameTask("tool", rows=[3, 4], gain=0.1)
+    data, task = state_at(model), FrameTask("tool", rows=[3, 4], gain=0.1)
     task.target = data.site("tool").xpos + 0.02
     ik = Ik(model, [task])
     copied = mujoco.MjModel.__copy__
@@ -282,13 +273,13 @@ def test_no_tick_copies_the_model(monkeypatch):
 
 
 def test_a_weak_direction_reports_the_uncertainty_of_its_gain():
-    """Near a stretched pose rounding makes the gain uncertain; nearer, the direction is lost."""
+    """The gain is uncertain by rounding near a stretched pose; nearer, the direction is lost."""
     arm, _ = stretched(1.0, 0.0)
     arm.body_pos[2, 0], arm.site_pos[0] = 0.312345, [0.254321, 0.000013, 0.0]
     arm.site_sameframe[0] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
     results = []
     for bend in (1e-2, 2e-5, 1e-6):
-        data = at(arm, b=bend - 0.000013 / 0.254321)
+        data = state_at(arm, b=bend - 0.000013 / 0.254321)
         kin = ConstrainedSystem.of(jacobians(arm, data, "tip")).kinematics()
         report = kin.manipulability([3, 4])
         results.append((report.unmanipulable, "+-" in str(report)))
@@ -302,7 +293,7 @@ def test_an_offset_that_mujoco_drops_gives_a_warning(offset, is_dropped):
       <joint axis="0 0 1"/><geom size="0.03" mass="1"/><site name="tip" pos="0 0 0.1"/>
       <site name="near" pos="{offset} 0 0"/></body></worldbody>
       <actuator><motor site="tip" gear="0 0 0 0 0 1"/></actuator></mujoco>""")
-    data = at(model)
+    data = state_at(model)
     assert (data.site("near").xpos[0] != offset) == is_dropped
     sentences = jacobians(model, data, "tip").warnings
     assert ["near" in sentence for sentence in sentences] == [True] * is_dropped

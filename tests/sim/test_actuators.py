@@ -10,9 +10,9 @@ import pytest
 import scipy.linalg
 
 from sim import MODELS, ClosureError, Failure, ModelError, Plant, jacobians, load_model
-from tests.models import model as model_of
+from tests.models import model_of
 from tests.motions import kinematics
-from tests.sim.machines import POSES, WORLD, at, pendulum, posed, started
+from tests.sim.machines import POSES, WORLD, pendulum, plant_of, started_model, state_at
 
 PERIOD_S = 5e-3
 
@@ -23,11 +23,8 @@ def applied(plant: Plant) -> np.ndarray:
     return plant.data.qfrc_actuator.copy()
 
 
-# Held still.
-
-
 def test_holding_forces_of_an_open_chain_are_those_of_inverse_dynamics():
-    plant = started("drives")
+    plant = plant_of("drives")
     forces, data = applied(plant), plant.data
     data.qacc[:] = 0.0
     mujoco.mj_inverse(plant.model, data)
@@ -37,7 +34,7 @@ def test_holding_forces_of_an_open_chain_are_those_of_inverse_dynamics():
 
 def test_holding_forces_on_a_loop_do_no_work_and_have_the_least_norm():
     """Check virtual work, and that internal forces are zero."""
-    plant = started("squeezed_loop")
+    plant = plant_of("squeezed_loop")
     balance = applied(plant) + plant.data.qfrc_passive - plant.data.qfrc_bias
     motions = scipy.linalg.null_space(plant.data.efc_J.reshape(-1, plant.model.nv))
     assert np.abs(motions.T @ balance).max() < 1e-9 < np.abs(balance).max()
@@ -48,7 +45,7 @@ def test_holding_forces_on_a_loop_do_no_work_and_have_the_least_norm():
     assert abs(squeeze[:, 0] @ plant.data.actuator_force) < 1e-9
 
 
-def test_a_weak_actuator_lets_another_bear_what_is_beyond_its_range():
+def test_another_actuator_bears_the_load_beyond_the_range_of_a_weak_one():
     """Two actuators of 5 and 50 N support 19.6 N; with the least norm each takes half."""
     model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><body name="plate">
       <joint name="lift" type="slide" axis="0 0 1"/><geom size="0.1" mass="2"/><site name="tool"/>
@@ -86,24 +83,21 @@ def test_a_start_out_of_balance_is_rejected():
     with pytest.raises(ModelError, match=r'^a spring moves the joint "root": no actuator holds it'):
         Plant(sprung, **WORLD, start=mujoco.MjData(sprung))
     with pytest.raises(ModelError, match='"geared" cannot hold the start'):
-        started("drives", ('name="geared"', 'name="geared" forcerange="-0.1 0.1"'))
+        plant_of("drives", ('name="geared"', 'name="geared" forcerange="-0.1 0.1"'))
     with pytest.raises(ModelError, match=r'"crank" cannot hold the start: .* 0..0.1'):
-        started("drives", ('ctrlrange="-0.7 -0.62"', 'ctrlrange="0 0.1"'))
-    model, _ = posed("squeezed_loop")
+        plant_of("drives", ('ctrlrange="-0.7 -0.62"', 'ctrlrange="0 0.1"'))
+    model, _ = started_model("squeezed_loop")
     with pytest.raises(ClosureError, match=r"call sim\.assemble"):
-        Plant(model, **WORLD, start=at(model, left=0.3))
-
-
-# Commands.
+        Plant(model, **WORLD, start=state_at(model, left=0.3))
 
 
 @pytest.mark.parametrize("name", POSES)
 def test_the_response_to_a_command_is_that_of_the_linear_model(name):
     """The transient agrees within 1 % of the peak; at rest the payload has moved by J command."""
-    of, start = posed(name)
-    robot, kin = Plant(of, **WORLD, start=start), kinematics(jacobians(of, start, "tool"))
+    model, start = started_model(name)
+    robot, kin = Plant(model, **WORLD, start=start), kinematics(jacobians(model, start, "tool"))
     lin, Z = robot.linear(), scipy.linalg.null_space(kin.active_constraint)
-    for command in 1e-4 * Z @ Z.T:  # of each drive alone, or what loops allow of it
+    for command in 1e-4 * Z @ Z.T:  # each drive alone, as far as the loops admit
         plant, size = copy.deepcopy(robot), len(lin.A)
         drift = np.block([[lin.A, (lin.B @ command)[:, None]], [np.zeros((1, size + 1))]])
         tick, x = scipy.linalg.expm(drift * PERIOD_S), np.eye(size + 1)[-1]
@@ -132,7 +126,7 @@ def test_a_motor_pulls_a_tendon_with_a_spring():
 
 def test_displacements_are_those_of_the_present_pose_in_motion():
     """The displacement of the tendon is 0.05 times that of its joint at every tick."""
-    plant = started("drives")
+    plant = plant_of("drives")
     plant.step(0.01 * np.eye(len(plant.drives))[1], PERIOD_S)
     assert plant.data.qvel.any()
     turned = plant.data.joint("elbow").qpos[0] - POSES["drives"]["elbow"]
@@ -141,7 +135,7 @@ def test_displacements_are_those_of_the_present_pose_in_motion():
 
 def test_a_command_at_the_end_of_a_range_has_the_whole_slope():
     """A central difference across the end of the range would give half of it."""
-    plant = started("drives")
+    plant = plant_of("drives")
     free = plant.linear().B
     control = plant.model.actuator("crank").id
     plant.model.actuator_ctrlrange[control, 1] = plant.data.ctrl[control]
@@ -180,12 +174,9 @@ def test_actuators_without_static_displacement_are_rejected_with_the_reason(
     assert "\n" not in str(raised.value)
 
 
-# Limits.
-
-
-def test_at_its_limits_a_drive_rests_and_commands_take_it_no_farther():
+def test_a_drive_rests_at_its_limits_for_any_larger_command():
     """Ranges of joint, tendon, control and force apply, each at the nearest end."""
-    plant = started("drives")
+    plant = plant_of("drives")
     lower, upper = plant.limits()
     start = plant.data.ctrl[-1]
     limits = np.array([lower, upper])[:, [0, 1, 2, -1]].T  # geared, winch, coils, crank
@@ -197,9 +188,9 @@ def test_at_its_limits_a_drive_rests_and_commands_take_it_no_farther():
         assert plant.displacements()[-1] == pytest.approx(upper[-1], rel=0.01)
 
 
-def test_a_force_range_limits_what_a_spring_takes():
+def test_a_force_range_limits_the_share_of_a_spring_force():
     """The two coils share the spring force as their gears, 1 to 3; the first has 12 N."""
-    plant = started("drives", (' range="-0.05 0.08"', ""), ("-400 400", "-12 12"))
+    plant = plant_of("drives", (' range="-0.05 0.08"', ""), ("-400 400", "-12 12"))
     preload = plant.data.actuator_force[2]
     lower, upper = plant.limits()
     ends = (np.array([-12, 12]) - preload) / (30000 * 1 / 10)
@@ -207,8 +198,6 @@ def test_a_force_range_limits_what_a_spring_takes():
     plant.step(upper[2] * np.eye(len(upper))[2], 2.0)
     assert plant.data.actuator_force[2] == pytest.approx(12.0, rel=1e-6)
 
-
-# Locks.
 
 NAMES = {"base": None, "payload": "foot"}
 COMMAND = np.array([0.5, -0.4, 0.3])
@@ -218,7 +207,7 @@ COMMAND = np.array([0.5, -0.4, 0.3])
     ("name", "drive"), [("drives", 0), ("drives", 1), ("drives", 2), ("gantry", 1)]
 )
 def test_a_joint_or_tendon_locks_in_motion_at_its_present_position(name, drive):
-    plant = started(name) if name in POSES else Plant(model_of(name), **WORLD)
+    plant = plant_of(name) if name in POSES else Plant(model_of(name), **WORLD)
     command = 0.01 * np.eye(len(plant.drives))[drive]
     plant.step(command, 0.05)
     Failure(drive, "locked").inject(plant)
@@ -231,7 +220,7 @@ def test_a_joint_or_tendon_locks_in_motion_at_its_present_position(name, drive):
 
 @pytest.mark.parametrize("flag", ["", "EQUALITY", "CONSTRAINT"])
 @pytest.mark.parametrize("actuator", range(3))
-def test_a_lock_that_was_added_holds_in_motion(actuator, flag):
+def test_an_added_lock_is_effective_in_motion(actuator, flag):
     """The other joints move; flags that disable equalities are cleared without effect on others."""
     model = model_of("three_joints", add_locks=True)
     bit = int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0))
@@ -273,7 +262,7 @@ def simulated(integrator: str, step_s: float, *locked: int) -> np.ndarray:
 @pytest.mark.parametrize("locked", [(1,), (0, 2)])
 @pytest.mark.parametrize("integrator", ["EULER", "IMPLICIT", "IMPLICITFAST", "DISCRETE"])
 @pytest.mark.parametrize("step_s", [2e-3, 5e-3, 1e-2])
-def test_a_lock_holds_at_any_usual_step_as_at_a_short_one(integrator, step_s, locked):
+def test_a_lock_is_as_stiff_at_any_usual_step_as_at_a_short_one(integrator, step_s, locked):
     """The reference is MuJoCo at 0.1 ms, where the equality alone holds."""
     oracle, path = simulated("DISCRETE", 1e-4, *locked), simulated(integrator, step_s, *locked)
     healthy = np.ptp(simulated(integrator, step_s)[31:], axis=0)
@@ -298,7 +287,7 @@ def test_a_yielding_lock_is_reported_before_the_simulation():
     assert "a time constant of" in Plant(soft, **NAMES).soft_locks[1]
 
 
-def test_locks_may_have_other_names_and_must_hold_one_joint():
+def test_locks_may_have_other_names_and_must_fix_one_joint():
     def brakes(*names: str) -> mujoco.MjModel:
         pairs = zip(names, ("hip", "knee", "ankle"), strict=False)
         locks = "".join(f'<joint name="{n}" joint1="{j}" active="false"/>' for n, j in pairs)
@@ -314,20 +303,17 @@ def test_locks_may_have_other_names_and_must_hold_one_joint():
 
 
 def test_locking_an_actuator_without_a_lock_is_rejected():
-    plant = started("drives")
+    plant = plant_of("drives")
     for drive, pattern in ((3, '"x" cannot be locked: it moves neither'), (7, '"crank" cannot be')):
         with pytest.raises(ModelError, match=pattern):
             plant.lock(drive)
-
-
-# Weak, free and loose.
 
 
 def test_all_actuators_of_a_drive_weaken_and_are_released_together():
     """Factors multiply in any state; other actuators keep their forces and springs."""
     shift, number = 1e-3 * np.random.default_rng(0).normal(size=(3, 20)), range(8)
     for k in number:
-        plant = started("drives")
+        plant = plant_of("drives")
         data, springs = plant.data, plant.model.jnt_stiffness.copy()
         mujoco.mj_integratePos(plant.model, data.qpos, shift[0, : plant.model.nv], 1.0)
         data.qvel[:], data.ctrl[:] = shift[1, : plant.model.nv], data.ctrl + shift[2, :9]
@@ -369,21 +355,18 @@ def test_actuators_of_any_groups_are_released_one_by_one(groups, off):
     np.testing.assert_array_equal(model.actuator_group, groups)
 
 
-# Repair.
-
-
 @pytest.fixture(params=["fjh", "arm", "drives"])
 def plant(request) -> Plant:
     """Create plants; the last has a tendon spring, two motors on a joint, drives without locks."""
     if request.param == "drives":
-        return started("drives", ('<fixed name="cable"', '<fixed name="cable" stiffness="300"'))
+        return plant_of("drives", ('<fixed name="cable"', '<fixed name="cable" stiffness="300"'))
     return Plant(load_model(MODELS / f"{request.param}.xml"))
 
 
 def of_failures(plant: Plant) -> bytes:
     """Serialize all that failures may change: the model and active equalities."""
     model = copy.copy(plant.model)
-    model.opt.disableactuator = 0  # of groups that nothing is in
+    model.opt.disableactuator = 0  # groups without elements
     content = np.empty(mujoco.mj_sizeModel(model), dtype=np.uint8)
     mujoco.mj_saveModel(model, None, content)
     return content.tobytes() + plant.data.eq_active.tobytes()

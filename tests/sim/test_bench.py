@@ -42,7 +42,7 @@ def test_a_closed_cycle_dissipates_what_its_friction_does(seed, amplitude, steps
     path = cycle(amplitude, steps, 3)
     closed = slice(steps, None)
     force, x = driven(slip, path)[closed], path[closed]
-    # Between two steps the force is that of elements that stretch, then slip: not a trapezoid.
+    # Elements stretch, then slip between two steps, so the force is no trapezoid.
     k, s = slip.stiffness, slip.slip
     friction = (4 * k * s * np.maximum(amplitude - s, 0)).sum(axis=1)
     if steps >= 50:
@@ -69,7 +69,7 @@ def test_after_a_turn_the_loop_is_the_first_curve_twice_as_large(seed):
     first = driven(slip, rise)
     path = np.vstack([rise, rise[-1] - 2 * rise[1:]])
     back = driven(slip, path)[40:] - first[-1]
-    # It holds where all that slipped before has turned round: at once, as none was left behind.
+    # The rule holds at once, since all slipped elements have reversed.
     np.testing.assert_allclose(back, -2 * first, atol=1e-9)
 
 
@@ -77,7 +77,6 @@ class Blind:
     """Sensors that read no task."""
 
     def read(self, pose, displacements):
-        """Read displacements without noise."""
         return Reading(np.zeros(2), displacements.copy())
 
 
@@ -98,7 +97,7 @@ def test_a_delay_shifts_the_response_by_as_many_ticks(late):
     at_once = simulated(commands)
     delayed = simulated(commands, delay_ticks=late)
     still = simulated(np.zeros((late + 1, 6)))
-    # While nothing has come the plant rests, but for the last picometres of settling.
+    # The plant rests before the first command, up to picometres of settling.
     np.testing.assert_array_equal(delayed[: late + 1], still)
     np.testing.assert_allclose(delayed[late:], at_once[:-late], atol=1e-11)
     assert np.abs(delayed[1:] - at_once[1:]).max() > 1e-6
@@ -106,13 +105,13 @@ def test_a_delay_shifts_the_response_by_as_many_ticks(late):
 
 def test_the_plant_keeps_its_last_command_until_the_first_one_arrives(model):
     """Pending commands do not change with the caller's buffer."""
-    plant, held, buffer = Plant(model), np.full(6, 2e-5), np.full(6, 1e-5)
-    plant.settle(0.3, held)
+    plant, constant, buffer = Plant(model), np.full(6, 2e-5), np.full(6, 1e-5)
+    plant.settle(0.3, constant)
     bench = Bench(plant, Blind(), time_s=np.zeros(2), period_s=PERIOD_S, delay_ticks=1)
     bench.measure()
     bench.apply(buffer)
-    np.testing.assert_array_equal(plant.command, held)
-    np.testing.assert_allclose(plant.displacements(), held, rtol=1e-2)
+    np.testing.assert_array_equal(plant.command, constant)
+    np.testing.assert_allclose(plant.displacements(), constant, rtol=1e-2)
     buffer[:] = 0.0
     bench.measure()
     bench.apply(buffer)
@@ -141,7 +140,7 @@ def test_a_load_along_an_actuator_moves_what_its_own_force_moves(model, machine)
 
 @pytest.mark.long
 def test_forces_updated_once_a_tick_equal_those_of_every_physics_step(model):
-    """At 4 Hz on 1 % of the stiffness they differ by 3 % of the effect of hysteresis."""
+    """The forces differ by 3 % of the effect of hysteresis at 4 Hz and 1 % of the stiffness."""
     time_s = np.arange(250) * PERIOD_S
     commands = 2e-5 * np.sin(2 * np.pi * 4 * time_s)[:, None] * np.ones(6)
     slip = MaxwellSlip(np.full((6, 4), 315.0), np.tile([0.3e-6, 1e-6, 5e-6, 2e-5], (6, 1)))
@@ -165,8 +164,6 @@ def test_hysteresis_of_another_number_of_actuators_is_rejected(model):
     with pytest.raises(ValueError, match="hysteresis must have one row for each of 6"):
         Bench(Plant(model), Blind(), time_s=np.zeros(1), period_s=1e-3, hysteresis=chain(0))
 
-
-# Its arrays.
 
 TICKS = 3
 

@@ -15,7 +15,7 @@ RADIUS_M = 0.05
 
 @pytest.mark.parametrize("poses", [6, pytest.param(20, marks=pytest.mark.long)])
 def test_the_rows_are_the_slopes_of_the_distance_on_the_manifold(poses):
-    """All pairs of shapes on slides, hinges, balls and free bodies, separated and overlapping."""
+    """The scenes have all pairs of shapes on slides, hinges, balls and free bodies."""
     rng, h = np.random.default_rng(0), 1e-5
     seen = {"apart": 0, "overlapping": 0}
     for first, second in PAIRS:
@@ -58,7 +58,7 @@ def test_the_row_of_a_sphere_in_another_geom_is_that_of_their_contact(second):
 
 @pytest.mark.parametrize("other", ["sphere", "capsule", "box", "mesh", "plane"])
 def test_touching_geoms_separate_along_the_line_of_approach(other):
-    """Their witness points coincide, and have no direction."""
+    """The witness points coincide and have no direction."""
     model, rng = two("box", other), np.random.default_rng(0)
     data, distances = mujoco.MjData(model), Distances(model, detection_m=1.0)
     away = np.eye(model.nv)[0 if other == "plane" else 5]
@@ -77,7 +77,7 @@ def test_touching_geoms_separate_along_the_line_of_approach(other):
     np.testing.assert_allclose(rows[0.0].rows, rows[1e-5].rows, atol=1e-3)
 
 
-def test_what_bounding_spheres_leave_out_is_not_near():
+def test_geoms_excluded_by_bounding_spheres_are_not_near():
     rng, counts = np.random.default_rng(0), []
     for _ in range(40):
         model = arm_among(12, rng)
@@ -113,8 +113,8 @@ def crowd(rng: np.random.Generator) -> str:
 
 
 @pytest.mark.parametrize("filtered", [True, False])
-def test_the_pairs_of_a_model_are_those_that_mujoco_lets_collide(filtered):
-    """All geoms are in one place, so that all that can collide do."""
+def test_the_pairs_of_a_model_are_those_that_can_collide_in_mujoco(filtered):
+    """The geoms are all in one place, so that all that can collide do."""
     rng = np.random.default_rng(0)
     for _ in range(30):
         model = mujoco.MjModel.from_xml_string(crowd(rng))
@@ -137,14 +137,14 @@ def pairs_of(*pairs) -> list[list[int]]:
     return Distances(mujoco.MjModel.from_xml_string(TREE), list(pairs)).geom_pairs.tolist()
 
 
-def test_groups_are_geoms_and_bodies_with_all_that_they_carry():
+def test_groups_are_geoms_and_bodies_with_their_subtrees():
     once = [[0, 3], [1, 3]]
     assert pairs_of((["left1", "left2"], ["r1"]), (["left1"], ["r1"]), (["r1"], ["left1"])) == once
     assert pairs_of((["left1"], ["r1"])) == pairs_of(([0], [np.int64(3)])) == [[0, 3]]
     assert pairs_of(([Body("left")], ["r1", "air"])) == [[0, 3], [1, 3], [2, 3]]
     assert pairs_of(([Body("hand")], [Body(4)])) == [[1, 3], [2, 3]]
     everything = [Body("left"), Body("right")]
-    every = [[0, 2], [0, 3], [1, 3], [2, 3]]  # but for parents
+    every = [[0, 2], [0, 3], [1, 3], [2, 3]]  # except parents
     assert pairs_of((everything, everything)) == every
 
 
@@ -178,9 +178,6 @@ def test_a_signed_distance_field_is_rejected():
         Distances(torus)
 
 
-# Fractions of a step after which no geoms are nearer than allowed.
-
-
 MARGIN_M, DT = 0.01, 0.05
 
 
@@ -205,14 +202,13 @@ def check_scene(seed: int) -> float:
     fresh = mujoco.MjData(model)
     fresh.qpos[:] = start
     mujoco.mj_kinematics(model, fresh)
-    for name in ("qpos", "geom_xpos", "geom_xmat"):  # up to date, where it was
+    for name in ("qpos", "geom_xpos", "geom_xmat"):
         np.testing.assert_array_equal(getattr(data, name), getattr(fresh, name))
     return fraction
 
 
 @pytest.mark.parametrize("scenes", [50, pytest.param(1000, marks=pytest.mark.long)])
 def test_after_the_safe_fraction_of_a_step_no_pair_is_nearer_than_allowed(scenes):
-    """Check random scenes."""
     fractions = {check_scene(seed) for seed in range(scenes)}
     assert len(fractions) > (4 if scenes < 1000 else 6)
 
@@ -222,11 +218,11 @@ BEAM = """<mujoco><worldbody><geom type="plane" size="1 1 1"/><body pos="0 0 0.1
   <geom type="box" size="0.5 0.1 0.05"/></body></worldbody></mujoco>"""
 
 
-def test_a_turn_about_the_nearest_corner_brings_the_other_one_down():
+def test_a_turn_about_the_nearest_corner_lowers_the_other_one():
     """The row is that of the nearest corner, and allows a step through the floor."""
     model = mujoco.MjModel.from_xml_string(BEAM)
     data, distances = mujoco.MjData(model), Distances(model, margin_m=MARGIN_M, detection_m=0.1)
-    data.qpos[1] = 0.01  # one end is 1 cm lower
+    data.qpos[1] = 0.01
     near, qvel = distances.at(data), np.array([0.0, -2.0])
     lower = -distances.gain / DT * (near.distance_m - MARGIN_M)
     assert (near.rows @ qvel >= lower).all()

@@ -5,114 +5,112 @@ import numpy as np
 import pytest
 
 from sim import CenterOfMass, ClosureError, ModelError, assemble, jacobians, linearize
-from tests.models import model
+from tests.models import model_of
 from tests.motions import check_slope, shifted
-from tests.sim.machines import at, closed, linkage, opened, stored
+from tests.sim.machines import closed_state, linkage, open_state, state_at, stored_options
 
 ROWS = 2 * 3 + 1 + 6 + 1
 """Number of rows of the equalities of the linkage."""
 
 
-@stored
+@stored_options
 def test_rows_are_slopes_of_gaps(storage):
     """Check a closed pose along every velocity, admissible or not."""
-    of = linkage(*storage)
-    units = np.eye(of.nv)
+    model = linkage(*storage)
+    units = np.eye(model.nv)
     for seed in range(4):
-        data = closed(of, seed)
+        data = closed_state(model, seed)
 
         def opening(h: float, data: mujoco.MjData = data) -> np.ndarray:
-            ends = [shifted(of, data, h * e) for e in units]
+            ends = [shifted(model, data, h * e) for e in units]
             return np.array([end.efc_pos[: end.ne] for end in ends]).T
 
-        J_C = jacobians(of, data, "tool").J_C
-        assert J_C.shape == (ROWS, of.nv)
+        J_C = jacobians(model, data, "tool").J_C
+        assert J_C.shape == (ROWS, model.nv)
         check_slope(J_C, opening, h=4e-3, most=1e-4)
 
 
-@stored
+@stored_options
 def test_contacts_limits_and_dry_friction_have_no_rows(storage):
-    """They are active in the physics."""
-    of = linkage(*storage)
-    of.opt.disableflags = 0
-    data = mujoco.MjData(of)
-    mujoco.mj_fwdPosition(of, data)  # finds the contacts
-    full = jacobians(of, data, "tool").J_C
+    model = linkage(*storage)
+    model.opt.disableflags = 0
+    data = mujoco.MjData(model)
+    mujoco.mj_fwdPosition(model, data)  # finds the contacts
+    full = jacobians(model, data, "tool").J_C
     at_work = {mujoco.mjtConstraint(kind).name for kind in data.efc_type}
     assert {"mjCNSTR_FRICTION_DOF", "mjCNSTR_LIMIT_JOINT", "mjCNSTR_CONTACT_PYRAMIDAL"} < at_work
     none = mujoco.mjtDisableBit
-    of.opt.disableflags |= int(none.mjDSBL_CONTACT | none.mjDSBL_LIMIT | none.mjDSBL_FRICTIONLOSS)
-    np.testing.assert_array_equal(jacobians(of, data, "tool").J_C, full)
+    model.opt.disableflags |= int(
+        none.mjDSBL_CONTACT | none.mjDSBL_LIMIT | none.mjDSBL_FRICTIONLOSS
+    )
+    np.testing.assert_array_equal(jacobians(model, data, "tool").J_C, full)
     assert len(full) == data.nefc == ROWS
 
 
 def test_an_equality_counts_while_it_is_active():
-    of, tool = linkage(), "tool"  # which moves whatever is open
-    data = mujoco.MjData(of)
-    closed_rows = jacobians(of, data, tool).J_C
-    data.eq_active[of.equality("brake").id] = True
-    braked = jacobians(of, data, tool).J_C
+    model, tool = linkage(), "tool"  # the tool moves if any loop is open
+    data = mujoco.MjData(model)
+    closed_rows = jacobians(model, data, tool).J_C
+    data.eq_active[model.equality("brake").id] = True
+    braked = jacobians(model, data, tool).J_C
     np.testing.assert_array_equal(braked[:ROWS], closed_rows)
-    np.testing.assert_array_equal(np.flatnonzero(braked[ROWS]), of.joint("weight").dofadr)
-    data.eq_active[of.equality("grip").id] = False
-    assert len(jacobians(of, data, tool).J_C) == ROWS + 1 - 6
-    with pytest.raises(ModelError, match="no actuator moves 'payload'"):  # it has been let go
-        jacobians(of, data, "payload")
+    np.testing.assert_array_equal(np.flatnonzero(braked[ROWS]), model.joint("weight").dofadr)
+    data.eq_active[model.equality("grip").id] = False
+    assert len(jacobians(model, data, tool).J_C) == ROWS + 1 - 6
+    with pytest.raises(ModelError, match="no actuator moves 'payload'"):  # it is released
+        jacobians(model, data, "payload")
     data.eq_active[:] = False
-    assert jacobians(of, data, tool).J_C.shape == (0, of.nv)
+    assert jacobians(model, data, tool).J_C.shape == (0, model.nv)
 
 
 @pytest.mark.parametrize("flag", ["EQUALITY", "CONSTRAINT"])
 def test_active_equalities_that_flags_disable_are_rejected(flag):
     """Otherwise a closed mechanism would be analyzed as an open one."""
-    of = model("five_bar")
-    of.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
+    model = model_of("five_bar")
+    model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}"))
     with pytest.raises(ModelError, match="equalities are active, and the model's flags disable"):
-        jacobians(of, mujoco.MjData(of), "tool")
-    of.eq_active0[:] = False
-    assert jacobians(of, mujoco.MjData(of), "tool").J_C.shape == (0, 5)
-
-
-# Gaps.
+        jacobians(model, mujoco.MjData(model), "tool")
+    model.eq_active0[:] = False
+    assert jacobians(model, mujoco.MjData(model), "tool").J_C.shape == (0, 5)
 
 
 def test_open_loops_are_rejected_beyond_the_tolerance():
-    of = model("five_bar")
-    data = opened(of, 0.01)
+    model = model_of("five_bar")
+    data = open_state(model, 0.01)
     with pytest.raises(ClosureError, match=r"call sim\.assemble\(model, data\)"):
-        jacobians(of, data, "tool")
-    residual = jacobians(of, data, "tool", closure_tolerance=np.inf).closure_residual
+        jacobians(model, data, "tool")
+    residual = jacobians(model, data, "tool", closure_tolerance=np.inf).closure_residual
     assert residual == pytest.approx(np.abs(data.efc_pos).max())
-    unnamed = model("five_bar", ('connect name="pin"', "connect"))
+    unnamed = model_of("five_bar", ('connect name="pin"', "connect"))
     with pytest.raises(ClosureError, match=r'equality 0 \(connect of "a2" and "b2"\) is open'):
-        jacobians(unnamed, opened(unnamed, 0.01), "tool")
-    of.eq_data[0, :3] = np.nan
+        jacobians(unnamed, open_state(unnamed, 0.01), "tool")
+    model.eq_data[0, :3] = np.nan
     with pytest.raises(ModelError, match="an equality of the model must be finite"):
-        jacobians(of, data, "tool")
+        jacobians(model, data, "tool")
 
 
 def test_a_weld_of_any_torquescale_is_closed_in_radians():
-    """At a torquescale of 1e-3 MuJoCo's residual is a two-thousandth of the angle."""
-    of = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
+    """MuJoCo's residual at a torquescale of 1e-3 is a two-thousandth of the angle."""
+    model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody>
       <body name="a"><joint name="a" axis="0 0 1"/><geom size="0.1"/><site name="tool"/>
         <body name="b" pos="0 0 1"><joint name="b" axis="0 0 1"/><geom size="0.1"/></body></body>
       </worldbody><equality><weld name="grip" body1="b" torquescale="1e-3"/></equality>
       <actuator><motor joint="a"/></actuator></mujoco>""")
-    data = at(of, b=1e-4)
-    assert jacobians(of, data, "tool").closure_residual == pytest.approx(1e-4, rel=1e-6)
-    assert np.abs(assemble(of, data).qpos).max() < 1e-10
+    data = state_at(model, b=1e-4)
+    assert jacobians(model, data, "tool").closure_residual == pytest.approx(1e-4, rel=1e-6)
+    assert np.abs(assemble(model, data).qpos).max() < 1e-10
 
 
 def test_welds_and_connects_between_sites_have_one_common_point_too():
-    of = model(
+    model = model_of(
         "parallelogram",
         ('<connect name="pin" body1="bar" body2="right" anchor="0.4 0 0"/>', TIES),
         ('<site name="tool"', '<site name="end" pos="0.4 0 0"/><site name="tool"'),
         ('<body name="right" pos="0.4 0 0">', FAR),
     )
-    J_C = jacobians(of, opened(of, 2e-4), "tool").J_C
-    assert J_C.shape == (9, of.nv)
-    assert np.abs(J_C[:, of.joint("base").dofadr[0]]).max() < 1e-15
+    J_C = jacobians(model, open_state(model, 2e-4), "tool").J_C
+    assert J_C.shape == (9, model.nv)
+    assert np.abs(J_C[:, model.joint("base").dofadr[0]]).max() < 1e-15
 
 
 TIES = '<connect site1="end" site2="top"/><weld body1="right" body2="far"/>'
@@ -126,19 +124,17 @@ def test_a_redundant_crank_removes_no_freedom_from_a_linear_model(turn):
     """Three parallel cranks closed to 1e-11 have one freedom."""
     third = """<body name="third" pos="0.2 0 0"><joint name="third" axis="0 1 0"/>
       <geom fromto="0 0 0 0 0 0.3"/></body><body name="right" pos="0.4 0 0">"""
-    of = model(
+    model = model_of(
         "parallelogram",
         ('<joint name="base" axis="0 0 1"/>', ""),
         ('<motor name="turn" joint="base"/>', ""),
         ('<body name="right" pos="0.4 0 0">', third),
         ("</equality>", '<connect body1="bar" body2="third" anchor="0.2 0 0"/></equality>'),
     )
-    closed = assemble(of, at(of, left=turn + 1e-3, bar=-turn, third=turn, right=turn))
+    closed = assemble(model, state_at(model, left=turn + 1e-3, bar=-turn, third=turn, right=turn))
     closed.joint("right").qpos += 2e-11
-    assert len(linearize(of, closed, site="tool", axes=None).A) == 2
+    assert len(linearize(model, closed, site="tool", axes=None).A) == 2
 
-
-# What MuJoCo leaves out.
 
 CLOTH = """<flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" dim="2"
   radius="0.01" mass="1" pos="0 0 1">{}<edge equality="true"/></flexcomp>"""
@@ -148,12 +144,12 @@ def cloth(
     on_hand: str = "", on_ground: str = "", ties: str = ""
 ) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Create a robot and a cloth with some attributes."""
-    of = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody>
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><worldbody>
       <body pos="0 0 2"><joint name="a"/><geom size="0.1"/><body name="hand" pos="0.3 0 0">
         <joint name="b"/><geom size="0.1"/><site name="tool"/>{on_hand}</body></body>{on_ground}
       </worldbody><equality><joint joint1="b" joint2="a" polycoef="0 2 0 0 0"/>{ties}</equality>
       <actuator><motor joint="a"/></actuator></mujoco>""")
-    return of, mujoco.MjData(of)
+    return model, mujoco.MjData(model)
 
 
 @pytest.mark.parametrize(
@@ -190,9 +186,9 @@ def test_a_cloth_tied_to_the_robot_is_rejected_with_advice_that_helps():
     jacobians(model, data, "tool", closure_tolerance=np.inf)
 
 
-def asleep(drive: str, open_by: float = 0.0) -> tuple[mujoco.MjModel, mujoco.MjData]:
+def sleeping_state(drive: str, open_by: float = 0.0) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Create two bodies with a gear between them, possibly inactive, and a third body."""
-    of = mujoco.MjModel.from_xml_string(f"""<mujoco>
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco>
       <option gravity="0 0 0"><flag sleep="enable"/></option><worldbody>
       <body sleep="allowed"><joint name="a"/><geom size="0.1"/></body>
       <body sleep="allowed" pos="3 0 0"><joint name="b" axis="0 1 0"/>
@@ -201,21 +197,21 @@ def asleep(drive: str, open_by: float = 0.0) -> tuple[mujoco.MjModel, mujoco.MjD
       <tendon><fixed name="cable"><joint joint="a" coef="1"/><joint joint="b" coef="3"/></fixed>
       </tendon><equality><joint joint1="a" joint2="b"/></equality>
       <actuator><motor {drive}/></actuator></mujoco>""")
-    data = mujoco.MjData(of)
+    data = mujoco.MjData(model)
     data.eq_active[0] = not open_by
     data.qpos[:2] = 0.2, 0.2 - open_by
-    mujoco.mj_step(of, data, 2000)
+    mujoco.mj_step(model, data, 2000)
     assert data.ntree_awake == 0
-    return of, data
+    return model, data
 
 
 @pytest.mark.parametrize("drive", ['joint="a"', 'tendon="cable"', 'site="tool" gear="0 0 1 0 0 0"'])
 def test_sleeping_trees_have_the_same_jacobians_as_awake_ones(drive):
     """MuJoCo skips equality and transmission rows of sleeping trees; frames are up to date."""
-    model, data = asleep(drive)
+    model, data = sleeping_state(drive)
     sleeping = jacobians(model, data, ["tool", CenterOfMass()])
     closed = assemble(model, data)
-    assert data.ntree_awake == 0  # as it was
+    assert data.ntree_awake == 0  # unchanged
     model.opt.enableflags = 0
     awake = jacobians(model, data, ["tool", CenterOfMass()])
     assert len(awake.J_C) == 1 + ("joint" not in drive)
@@ -225,8 +221,8 @@ def test_sleeping_trees_have_the_same_jacobians_as_awake_ones(drive):
     np.testing.assert_allclose(closed.qpos, data.qpos, atol=1e-9)
 
 
-def test_an_equality_that_is_switched_on_in_its_sleep_is_closed():
-    model, data = asleep('joint="a"', open_by=0.2)
+def test_an_equality_activated_in_a_sleeping_tree_is_closed():
+    model, data = sleeping_state('joint="a"', open_by=0.2)
     data.eq_active[0] = 1
     with pytest.raises(ClosureError, match=r"open by 0\.2"):
         jacobians(model, data, "tool")

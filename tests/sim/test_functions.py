@@ -29,9 +29,9 @@ from sim import (
 from sim.kinematics.pose import pose_difference
 from sim.mjcf import one_half_turn
 from sim.mjcf.frame import rotation_vector
-from tests.models import model as model_of
+from tests.models import model_of
 from tests.motions import change, check_slope, shifted
-from tests.sim.machines import closed, humanoid, opened
+from tests.sim.machines import closed_state, humanoid, open_state
 
 H = 1e-6
 arms = partial(model_of, "two_arms")
@@ -55,7 +55,7 @@ def check_slopes(model, data, located, atol=1e-8):
     np.testing.assert_allclose(located.jacobian(model, data), falling, atol=atol)
 
 
-def here(model, data, frame, root=None):
+def pose_target(model, data, frame, root=None):
     """Return the present pose of a frame as a target."""
     at = data.body(frame.name) if isinstance(frame, Body) else data.site(frame)
     R, p = at.xmat.reshape(3, 3).copy(), at.xpos.copy()
@@ -75,10 +75,10 @@ every_frame = pytest.mark.parametrize("make, frame, root", FRAMES.values(), ids=
 
 
 @every_frame
-def test_a_frame_at_its_target_leaves_it_with_its_twist(make, frame, root):
+def test_the_error_of_a_frame_at_its_target_changes_by_its_twist(make, frame, root):
     model = make()
-    data = opened(model, 0.4)
-    at, seen = here(model, data, frame), here(model, data, frame, root)
+    data = open_state(model, 0.4)
+    at, seen = pose_target(model, data, frame), pose_target(model, data, frame, root)
     for task in (
         FrameTask(frame, target=at),
         FrameTask(frame, target=at, axes=frame, rows=[1, 3, 5]),
@@ -95,27 +95,27 @@ def test_a_frame_at_its_target_leaves_it_with_its_twist(make, frame, root):
 def test_linear_rows_are_slopes_of_the_displacement_at_any_distance(make, frame, root):
     """Relative to a rotating root the displacement rotates as well, so positions are checked."""
     model = make()
-    data = opened(model, 0.4)
+    data = open_state(model, 0.4)
     for target in (TURNED, POINT):
         located = FrameTask(frame, target=target, rows=[3, 4, 5]).on(model)
         assert np.linalg.norm(located.error(model, data)) > 0.1
         check_slopes(model, data, located)
     located = RelativeFrameTask(frame, root, target=POINT, rows=[3, 4, 5]).on(model)
-    rate = slopes(model, data, lambda there: here(model, there, frame, root).translation_m)
+    rate = slopes(model, data, lambda there: pose_target(model, there, frame, root).translation_m)
     np.testing.assert_allclose(located.jacobian(model, data), rate, atol=1e-8)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_frame_turns_to_its_target_about_one_axis(seed):
-    """Its error is that of `pose_error`, also relative to a root in the axes of the root."""
-    model, data = humanoid(), opened(humanoid(), 0.4, seed)
+    """The error is that of `pose_error`, also relative to a root in the axes of the root."""
+    model, data = humanoid(), open_state(humanoid(), 0.4, seed)
     hand = data.site("right_hand")
     error = FrameTask("right_hand", target=TURNED).on(model).error(model, data)
     np.testing.assert_allclose(error, pose_error(model, data, "right_hand", TURNED), atol=1e-12)
     turned = Rotation.from_rotvec(error[:3]).as_matrix() @ hand.xmat.reshape(3, 3)
     np.testing.assert_allclose(turned, TURNED.rotation)
     np.testing.assert_allclose(hand.xpos + error[3:], POINT)
-    # A position leaves the rotation as it is.
+    # A position does not change the rotation.
     assert not FrameTask("right_hand", target=POINT).on(model).error(model, data)[:3].any()
     task = RelativeFrameTask("right_hand", "left_foot", target=TURNED)
     R = data.site("left_foot").xmat.reshape(3, 3)
@@ -125,7 +125,7 @@ def test_a_frame_turns_to_its_target_about_one_axis(seed):
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-4, 1.0, 3.0, np.pi - 1e-6, np.pi])
-def test_a_pose_difference_poses_rotates_as_in_mujoco(angle):
+def test_a_pose_difference_rotates_as_in_mujoco(angle):
     """Agreement is to round-off; half a turn is about the same of its two axes."""
     for seed in range(60):
         rng = np.random.default_rng(seed)
@@ -146,7 +146,7 @@ def test_a_pose_difference_poses_rotates_as_in_mujoco(angle):
 @pytest.mark.parametrize("rows", [[5], [1, 2], [2, 0, 4], [3, 4, 5, 0, 1, 2]])
 @pytest.mark.parametrize("kind, more", [(FrameTask, ()), (RelativeFrameTask, ("left_foot",))])
 def test_rows_are_in_the_requested_order(rows, kind, more):
-    model, data = humanoid(), opened(humanoid(), 0.4)
+    model, data = humanoid(), open_state(humanoid(), 0.4)
     every, some = (
         kind("right_hand", *more, target=TURNED, rows=chosen).on(model)
         for chosen in (range(6), rows)
@@ -158,8 +158,8 @@ def test_rows_are_in_the_requested_order(rows, kind, more):
 
 
 @pytest.mark.parametrize("body", [None, "waist_pitch"])
-def test_a_centre_of_mass_moves_as_its_rows_say(body):
-    model, data = humanoid(), opened(humanoid(), 0.4)
+def test_a_centre_of_mass_moves_by_its_rows(body):
+    model, data = humanoid(), open_state(humanoid(), 0.4)
     located = CenterOfMassTask(body, rows=[2, 0], target=POINT).on(model)
     check_slopes(model, data, located)
     center = data.subtree_com[0 if body is None else model.body(body).id]
@@ -168,9 +168,9 @@ def test_a_centre_of_mass_moves_as_its_rows_say(body):
 
 @pytest.mark.parametrize("axis", [[1.0, 0.0, 0.0], [0.0, 0.0, -2.0], [0.3, -0.5, 0.7]])
 @pytest.mark.parametrize("make, frame", [(humanoid, "right_hand"), (arms, "left")])
-def test_an_axis_that_looks_at_its_target_loses_it_as_its_rows_say(make, frame, axis):
+def test_an_axis_turns_away_from_its_target_by_its_rows(make, frame, axis):
     model = make()
-    data = opened(model, 0.4)
+    data = open_state(model, 0.4)
     at = data.site(frame)
     target = at.xpos + 0.8 * at.xmat.reshape(3, 3) @ axis / np.linalg.norm(axis)
     located = LookAtTask(frame, axis, target=target).on(model)
@@ -179,10 +179,10 @@ def test_an_axis_that_looks_at_its_target_loses_it_as_its_rows_say(make, frame, 
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_the_angle_to_a_target_falls_as_the_rows_along_it_say(seed):
+def test_the_angle_to_a_target_decreases_by_its_rows(seed):
     """The slope of the angle is that of the norm of the error, from any direction."""
     model, axis = humanoid(), np.array([0.3, -0.5, 0.7])
-    data = opened(model, 0.4, seed)
+    data = open_state(model, 0.4, seed)
     located = LookAtTask("right_hand", axis, target=POINT).on(model)
 
     def angle(there: mujoco.MjData) -> float:
@@ -198,7 +198,7 @@ def test_the_angle_to_a_target_falls_as_the_rows_along_it_say(seed):
 
 
 @pytest.mark.parametrize("distance, missing", [(1.0, 0.0), (-1.0, np.pi), (0.0, 0.0)])
-def test_straight_ahead_nothing_is_missing_and_behind_half_a_turn(distance, missing):
+def test_the_error_is_zero_straight_ahead_and_half_a_turn_behind(distance, missing):
     model = arms()
     data = shifted(model, mujoco.MjData(model), np.zeros(model.nv))  # exactly
     at = data.site("left")
@@ -209,7 +209,7 @@ def test_straight_ahead_nothing_is_missing_and_behind_half_a_turn(distance, miss
 
 
 def test_a_posture_error_is_that_of_mujoco_without_free_joints():
-    model, data = humanoid(), opened(humanoid(), 0.4)
+    model, data = humanoid(), open_state(humanoid(), 0.4)
     home = model.qpos0
     located = PostureTask(target=home).on(model)
     away = change(model, home, data.qpos)
@@ -224,7 +224,7 @@ def test_a_posture_error_is_that_of_mujoco_without_free_joints():
 
 
 def test_a_posture_of_a_ball_joint_is_a_rotation_vector():
-    model, data = arms(), opened(arms(), 0.4)
+    model, data = arms(), open_state(arms(), 0.4)
     located, step = PostureTask(joints=["a3"], target=model.qpos0).on(model), np.zeros(model.nv)
     step[located.velocities] = located.error(model, data)
     turned, home = (
@@ -235,7 +235,7 @@ def test_a_posture_of_a_ball_joint_is_a_rotation_vector():
 
 
 def test_a_coupling_is_the_sum_of_positions():
-    model, data = arms(), opened(arms(), 0.4)
+    model, data = arms(), open_state(arms(), 0.4)
     located = JointCouplingTask({"a1": 2.0, "a2": -3.0}, target=0.5).on(model)
     first, second = data.joint("a1").qpos[0], data.joint("a2").qpos[0]
     np.testing.assert_allclose(located.error(model, data), [0.5 - 2 * first + 3 * second])
@@ -259,8 +259,6 @@ def test_a_target_is_a_copy():
     np.testing.assert_array_equal(task.target, POINT)
 
 
-# Frames, centres of mass and relative motion as tasks.
-
 TASKS = [
     "left",
     Body("rod"),
@@ -275,48 +273,49 @@ TASKS = [
 @pytest.mark.parametrize("task", TASKS, ids=str)
 def test_the_rows_of_a_task_are_the_slope_of_its_displacement(task, axes):
     """Check every velocity, hence the error that rates reduce."""
-    of = arms()
-    data = closed(of)
-    target = pose_of(of, data, task, axes)
+    model = arms()
+    data = closed_state(model)
+    target = pose_of(model, data, task, axes)
     if isinstance(task, CenterOfMass):
         target = target.translation_m
 
     def displacement(h: float) -> np.ndarray:
-        ends = [shifted(of, data, h * e) for e in np.eye(of.nv)]
-        return -np.transpose([pose_error(of, end, task, target, axes) for end in ends])
+        ends = [shifted(model, data, h * e) for e in np.eye(model.nv)]
+        return -np.transpose([pose_error(model, end, task, target, axes) for end in ends])
 
-    check_slope(jacobians(of, data, task, axes).J_T[:, : of.nv], displacement, h=4e-3, most=1e-4)
+    check_slope(
+        jacobians(model, data, task, axes).J_T[:, : model.nv], displacement, h=4e-3, most=1e-4
+    )
 
 
 def test_rows_of_several_tasks_are_stacked_and_indexed_by_task():
-    of = arms()
-    data = closed(of, 1)
+    model = arms()
+    data = closed_state(model, 1)
     looking = LookAtTask("left", [0, 0, 1], target=np.ones(3))
-    functions = [looking, JointCouplingTask({"a1": 1.0}), PostureTask(target=of.qpos0)]
+    functions = [looking, JointCouplingTask({"a1": 1.0}), PostureTask(target=model.qpos0)]
     tasks = [*TASKS, *functions]
-    jac = JacobianReader(of, tasks, "room").at(data)
+    jac = JacobianReader(model, tasks, "room").at(data)
     assert [jac.rows[task].stop for task in tasks[:8]] == [6, 12, 15, 18, 24, 30, 32, 33]
-    assert jac.J_T.shape == (jac.rows[tasks[8]].stop, of.nv + 3)  # three drives of the ball
+    assert jac.J_T.shape == (jac.rows[tasks[8]].stop, model.nv + 3)  # three drives of the ball
     for task in tasks:
-        alone = jacobians(of, data, task, "room")
+        alone = jacobians(model, data, task, "room")
         np.testing.assert_array_equal(jac.J_T[jac.rows[task]], alone.J_T)
-    # What two frames share, the floating trunk, does not move one relative to the other.
+    # The floating trunk of two frames does not move them relative to each other.
     between = jac.J_T[jac.rows[Relative("left", "right")]]
     assert np.abs(between[:, :6]).max() < 1e-14 < 0.1 < np.abs(between).max()
 
 
 def test_a_name_is_that_of_a_site_or_else_of_a_body():
-    """Check tasks, pins, poses and axes."""
-    of = arms()
-    data = mujoco.MjData(of)
-    by_name = jacobians(of, data, ["fore1", Relative("right", "fore1")], axes="fore1")
-    by_body = jacobians(of, data, [Body("fore1"), Relative("right", Body("fore1"))])
+    model = arms()
+    data = mujoco.MjData(model)
+    by_name = jacobians(model, data, ["fore1", Relative("right", "fore1")], axes="fore1")
+    by_body = jacobians(model, data, [Body("fore1"), Relative("right", Body("fore1"))])
     R = data.body("fore1").xmat.reshape(3, 3)
     np.testing.assert_allclose(by_name.J_T, np.kron(np.eye(4), R.T) @ by_body.J_T, atol=1e-12)
-    pose = pose_of(of, data, "fore1")
+    pose = pose_of(model, data, "fore1")
     np.testing.assert_array_equal(pose.translation_m, data.body("fore1").xpos)
     for pin in ("fore1", Pin("fore1")):
-        with_pin = jacobians(of, data, "left", pinned=[pin], active=True).J_C
+        with_pin = jacobians(model, data, "left", pinned=[pin], active=True).J_C
         np.testing.assert_array_equal(with_pin[-3:], by_body.J_T[3:6])
     both = arms(('<site name="left"', '<site name="fore2"'))
     there = mujoco.MjData(both)

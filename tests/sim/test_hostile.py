@@ -13,7 +13,7 @@ import sim
 from sim import HEXAPOD_MJCF, MODELS, NOMINAL, Bench, Failure, Mechanism, Plant, Pose, load_model
 from sim.mjcf import element_id, joint_stiffness, mass_matrix, model_sha256, weightless
 from sim.plant import JointSensors, MaxwellSlip, TaskSensor, failed_plant
-from tests.hostile import POSITIVE, Room, one_by_one, public, two_at_once
+from tests.hostile import POSITIVE, Package, one_by_one, public, two_at_once
 
 PERIOD_S = 2.5e-4
 DOUBLED = SimpleNamespace(sent=lambda tick, inputs: 2.0 * inputs)
@@ -21,20 +21,20 @@ DOUBLED = SimpleNamespace(sent=lambda tick, inputs: 2.0 * inputs)
 
 def pose_error_of_a_quaternion(quaternion: Any) -> Any:
     """Return the error of a pose given by a quaternion."""
-    good = room().good
+    good = package().good
     return sim.pose_error(good["model"], good["data"], "payload", (np.ones(3), quaternion))
 
 
 TRUSTED = {
-    # What the package alone makes, of numbers that are checked.
+    # Created only by the package, from checked numbers.
     *("Jacobians", "LinearPlant"),
-    # Attacked as each of its kinds.
+    # Attacked by its subclasses.
     *("TaskFunction", "TaskFunction.checked", "TaskFunction.on"),
-    # Of numbers that are checked, at every tick.
+    # Called at every tick with checked numbers.
     *("Plant.step_physics", "Plant.check_lock"),
     *("Distances.farthest", "Distances.largest_fraction", "Distances.fits"),
 }
-FOUND = public(
+CALLABLES = public(
     *(sim, JointSensors, TaskSensor, MaxwellSlip, failed_plant, pose_error_of_a_quaternion),
     *(element_id, joint_stiffness, mass_matrix, model_sha256, weightless),
     trusted=TRUSTED,
@@ -71,19 +71,19 @@ def numbers(jac: Any) -> Any:
     return jac.J_T, jac.J_C, jac.closure_residual
 
 
-SWING = """<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>
-  <body name="swing" pos="0 0 0.2"><joint axis="1 0 0"/><geom type="box" size="0.1 0.1 0.19"/>
+BODY_ABOVE_FLOOR = """<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/>
+  <body name="box" pos="0 0 0.2"><joint axis="1 0 0"/><geom type="box" size="0.1 0.1 0.19"/>
   </body></worldbody></mujoco>"""
 
 
 @cache
-def room() -> Room:
+def package() -> Package:
     """Create arguments: arm for kinematics, hexapod for its plant, platform for closed loops."""
     arm, hexapod, platform = (
         load_model(path) for path in (MODELS / "arm.xml", HEXAPOD_MJCF, MODELS / "platform.xml")
     )
-    swing = mujoco.MjModel.from_xml_string(SWING)
-    at_rest, of_hexapod, on_platform, swung = map(mujoco.MjData, (arm, hexapod, platform, swing))
+    scene = mujoco.MjModel.from_xml_string(BODY_ABOVE_FLOOR)
+    at_rest, of_hexapod, on_platform, above = map(mujoco.MjData, (arm, hexapod, platform, scene))
     mujoco.mj_forward(arm, at_rest)
     here, mechanism = {"model": hexapod, "data": of_hexapod}, Mechanism(arm, at_rest)
     closed = {"model": platform, "data": on_platform}
@@ -92,11 +92,7 @@ def room() -> Room:
     slip = MaxwellSlip(np.full((2, 3), 1e3), np.full((2, 3), 1e-6))
     sensed = {"pose": NOMINAL, "displacements": np.zeros(7)}
     at = Pose(np.eye(3), np.array([0.1, 0.2, 0.3]))
-    separation = {
-        "model": swing,
-        "pairs": [(["floor"], [1, sim.Body("swing")])],
-        "detection_m": 1.0,
-    }
+    separation = {"model": scene, "pairs": [(["floor"], [1, sim.Body("box")])], "detection_m": 1.0}
 
     def measured() -> Bench:
         times = {"time_s": PERIOD_S * np.arange(2), "period_s": PERIOD_S}
@@ -117,7 +113,7 @@ def room() -> Room:
         **{"velocity": np.zeros(platform.nv), "held": [0]},
         **{"into": mujoco.MjData(platform), "geometry_accuracy": 1e-9},
         **{"frame": "payload", "weld": True, "gain": 0.5, "within_m": 0.1},
-        **{"qvel": np.ones(swing.nv), "dt": 0.01, "posture": mechanism.nominal},
+        **{"qvel": np.ones(scene.nv), "dt": 0.01, "posture": mechanism.nominal},
         **{"displacements": np.full(7, 1e-3), "body": None, "rotation": np.eye(3)},
         **{"translation_m": np.zeros(3), "T": np.eye(4), "root": "base", "twist": np.full(6, 1e-3)},
         **{"name": 3, "path": HEXAPOD_MJCF, "target": np.ones(3)},
@@ -141,8 +137,8 @@ def room() -> Room:
         **dict.fromkeys(("linearize", "mass_matrix", "joint_stiffness", "weightless"), here),
         "Pin": {"frame": "base"},
         "Distances": separation,
-        "Distances.at": {"data": swung},
-        "Distances.safe_fraction": {"data": swung},
+        "Distances.at": {"data": above},
+        "Distances.safe_fraction": {"data": above},
         "Mechanism.moved": {"held": np.arange(7)},
         "jacobians of the hexapod": here | {"axes": "base"},
         "pose_error": {"site": ["payload"], "target": [Pose(np.eye(3), np.ones(3))]},
@@ -182,7 +178,7 @@ def room() -> Room:
         return kind(**{name: good[name] for name in names})
 
     tasks = [task for name, task in vars(sim).items() if name.endswith("Task")]
-    of: dict[str, Any] = {
+    objects: dict[str, Any] = {
         **{kind.__name__: task_of(kind) for kind in tasks},
         **{"Distances": sim.Distances(**separation)},
         **{"JacobianReader": sim.JacobianReader(arm, "payload"), "Mechanism": mechanism},
@@ -196,23 +192,23 @@ def room() -> Room:
         **dict.fromkeys(("Body", "CenterOfMass", "Relative"), placed),
         "MjData": lambda data: data.qpos,
         "Pin": lambda pin: sim.assemble(arm, pinned=[pin]).qpos,
-        **{"Distances": lambda made: made.at(swung), "MaxwellSlip": slipped, "Jacobians": numbers},
+        **{"Distances": lambda made: made.at(above), "MaxwellSlip": slipped, "Jacobians": numbers},
         "Mechanism": lambda made: (made.task(made.nominal), made.displacements(made.nominal)),
         "JointPosture": lambda at: (at.qpos, at.displacements, at.pose, at.gaps),
         "JacobianReader": lambda made: numbers(made.at(at_rest)),
         "Failure": lambda failure: state(failed_plant(hexapod, [failure])),
         **{"Plant": stepped, "Bench": run, "Bench.apply": lambda made: state(made.plant)},
         **dict.fromkeys(("TaskSensor", "JointSensors"), lambda made: made.read(**sensed)),
-        **{"TaskFunction": done, "Ranges": lambda found: {"force_gap": found.force}},
+        **{"TaskFunction": done, "Ranges": lambda result: {"force_gap": result.force}},
     }
-    return Room(
-        found=FOUND,
+    return Package(
+        callables=CALLABLES,
         good=good,
         special=special,
-        of=of,
+        objects=objects,
         uses=uses,
         errors=(ValueError, TypeError, sim.ModelError),
-        hard=(sim.ModelError, sim.SimulationDiverged),
+        unsolvable=(sim.ModelError, sim.SimulationDiverged),
         slow=[f"Plant.{name}" for name in ("step", "settle", "weaken", "push", "load", "shake")],
         ranges={"effectiveness": (0, 1), "period_s": POSITIVE, "seconds": POSITIVE},
     )
@@ -226,5 +222,5 @@ def _in_temporary_folder(tmp_path_factory):
         yield
 
 
-test_a_hostile_argument_is_reported_or_harmless = one_by_one(room, FOUND)
-test_two_hostile_arguments_are_reported_or_harmless = two_at_once(room)
+test_a_hostile_argument_is_reported_or_harmless = one_by_one(package, CALLABLES)
+test_two_hostile_arguments_are_reported_or_harmless = two_at_once(package)

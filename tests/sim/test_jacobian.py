@@ -32,25 +32,34 @@ from sim import (
 )
 from sim.mjcf import mass_matrix
 from tests.motions import check_slope, kinematics, shifted
-from tests.sim.machines import CASES, SPARSE, at, closed, humanoid, limited, linkage, stored
+from tests.sim.machines import (
+    CASES,
+    SPARSE,
+    closed_state,
+    humanoid,
+    limited,
+    linkage,
+    state_at,
+    stored_options,
+)
 
 
-@stored
+@stored_options
 @pytest.mark.parametrize("seed", range(4))
 def test_the_task_jacobian_is_the_slope_of_the_pose_along_closed_loops(storage, seed):
     """Move along the null space of J_C, close the loops again, and compare the tool's motion."""
-    of = linkage(*storage)
-    data = closed(of, seed)
-    jac = jacobians(of, data, "payload", "post")
+    model = linkage(*storage)
+    data = closed_state(model, seed)
+    jac = jacobians(model, data, "payload", "post")
     Z = scipy.linalg.null_space(jac.J_C)
-    assert Z.shape == (of.nv, 7)
+    assert Z.shape == (model.nv, 7)
     velocity = Z @ np.random.default_rng(seed).normal(size=7)
     velocity /= np.linalg.norm(velocity)
     to_post = data.site("post").xmat.reshape(3, 3).T
     at_first = data.site("payload").xmat.reshape(3, 3).copy()
 
     def pose(h: float) -> np.ndarray:
-        tool = assemble(of, shifted(of, data, h * velocity)).site("payload")
+        tool = assemble(model, shifted(model, data, h * velocity)).site("payload")
         turn = Rotation.from_matrix(tool.xmat.reshape(3, 3) @ at_first.T).as_rotvec()
         return np.concatenate([to_post @ turn, to_post @ tool.xpos])
 
@@ -63,7 +72,7 @@ def test_the_jacobian_is_the_closed_form_away_from_the_nominal_pose(model):
     target = NOMINAL.moved(np.array([2e-3, -1e-3, 3e-3, 5e-4, 2e-4, -4e-4]))
     struts = [f"strut{k}" for k in range(1, 7)]
     lengths = dict(zip(struts, machine.displacements(target), strict=True))
-    there = assemble(model, at(model, **lengths), held=struts)
+    there = assemble(model, state_at(model, **lengths), held=struts)
     kin = kinematics(jacobians(model, there, "payload", "base"))
     np.testing.assert_allclose(machine.inverse_jacobian(target) @ kin.J, np.eye(6), atol=1e-7)
 
@@ -71,9 +80,6 @@ def test_the_jacobian_is_the_closed_form_away_from_the_nominal_pose(model):
         return np.array([machine.displacements(target.moved(h * e)) for e in np.eye(6)]).T
 
     check_slope(machine.inverse_jacobian(target), displacements, h=1e-3, most=1e-5)
-
-
-# Readers.
 
 
 TASKS = [
@@ -95,34 +101,34 @@ Poses = list[mujoco.MjData]
 
 
 def of_humanoid(axes: str | None = None, pinned: tuple = ()) -> tuple[Callable, Poses]:
-    of, rng = humanoid(), np.random.default_rng(0)
-    first = mujoco.MjData(of)
-    poses = [shifted(of, first, rng.normal(scale=0.3, size=of.nv)) for _ in range(4)]
-    return (lambda: JacobianReader(of, TASKS, axes, pinned=pinned, active=["root"])), poses
+    model, rng = humanoid(), np.random.default_rng(0)
+    first = mujoco.MjData(model)
+    poses = [shifted(model, first, rng.normal(scale=0.3, size=model.nv)) for _ in range(4)]
+    return (lambda: JacobianReader(model, TASKS, axes, pinned=pinned, active=["root"])), poses
 
 
 def of_loops(*storage: tuple[str, str]) -> tuple[Callable, Poses]:
     """Create states with closed and open loops, and with other equalities."""
-    of, poses = linkage(*storage), []
+    model, poses = linkage(*storage), []
     for seed in range(4):
-        poses.append(data := closed(of, seed))
-        data.eq_active[of.equality("brake").id] = seed == 2
-        data.eq_active[of.equality("reel").id] = seed != 3
+        poses.append(data := closed_state(model, seed))
+        data.eq_active[model.equality("brake").id] = seed == 2
+        data.eq_active[model.equality("reel").id] = seed != 3
         data.qpos[:7] += 1e-3 * (seed % 2)
     tasks = ["payload", Body("rocker")]
-    return (lambda: JacobianReader(of, tasks, "post", closure_tolerance=np.inf)), poses
+    return (lambda: JacobianReader(model, tasks, "post", closure_tolerance=np.inf)), poses
 
 
 def of_limits() -> tuple[Callable, Poses]:
     """Create states with different numbers of elements on limits, and drives without joints."""
     poses = [limited(), limited(slide=0.2), limited(1.0, 0.05, 0.9), limited(), limited(slide=0.2)]
-    of = poses[0].model
-    return (lambda: JacobianReader(of, "tool", stuck_at_limits=True)), poses
+    model = poses[0].model
+    return (lambda: JacobianReader(model, "tool", stuck_at_limits=True)), poses
 
 
 def of_drives(kind: str) -> tuple[Callable, Poses]:
-    of = linkage(actuators=CASES[kind].mjcf)
-    return (lambda: JacobianReader(of, "tool")), [closed(of, seed) for seed in range(3)]
+    model = linkage(actuators=CASES[kind].mjcf)
+    return (lambda: JacobianReader(model, "tool")), [closed_state(model, seed) for seed in range(3)]
 
 
 MADE: dict[str, Callable[[], tuple[Callable, Poses]]] = {
@@ -155,13 +161,13 @@ def test_views_equal_the_result_of_a_new_reader_exactly(name):
 
 
 def test_a_reader_follows_actuators_that_are_switched_off():
-    of = linkage()
-    data, reader = closed(of), JacobianReader(of, "tool")
+    model = linkage()
+    data, reader = closed_state(model), JacobianReader(model, "tool")
     both = reader.at(data)
-    of.actuator_group[1], of.opt.disableactuator = 1, 2
+    model.actuator_group[1], model.opt.disableactuator = 1, 2
     one = reader.at(data)
     assert (len(both.active), len(one.active)) == (2, 1)
-    new = jacobians(of, data, "tool")
+    new = jacobians(model, data, "tool")
     np.testing.assert_array_equal(one.J_C, new.J_C)
     assert one.warnings == new.warnings
 

@@ -46,7 +46,6 @@ def given() -> list[Any]:
 
 
 def test_every_record_with_arrays_is_listed_and_cannot_be_written_to():
-    """New records must be added above."""
     for record in given():
         assert list(writable(sim, type(record).__name__, record)) == []
     frozen = {
@@ -68,5 +67,5 @@ def test_a_record_does_not_change_with_its_arguments(kind):
     for name, value in mine.items():
         if isinstance(value, np.ndarray):
             before = getattr(record, name).copy()
-            value[...] = 7  # and it can be: it is the caller's own
+            value[...] = 7  # it can be, as the caller owns it
             np.testing.assert_array_equal(getattr(record, name), before)

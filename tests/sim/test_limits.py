@@ -6,7 +6,7 @@ import pytest
 import scipy.linalg
 
 from sim import Body, ModelError, Pin, assemble, jacobians, pose_of, ranges
-from tests.models import model
+from tests.models import model_of
 from tests.motions import change, kinematics, shifted
 from tests.sim.machines import limited
 
@@ -23,7 +23,7 @@ def position(data: mujoco.MjData, name: str) -> float:
 AT_A_LIMIT = [
     ('joint "hinge"', {"hinge": np.deg2rad(60.0), "slide": 0.19}),
     ('joint "hinge"', {"hinge": np.deg2rad(-40.0), "slide": -0.05}),
-    ('joint "hinge"', {"hinge": np.deg2rad(60.0) + 1e-3, "slide": 0.19}),  # and beyond
+    ('joint "hinge"', {"hinge": np.deg2rad(60.0) + 1e-3, "slide": 0.19}),
     ('joint "slide"', {"slide": 0.2}),
     ('joint "slide"', {"slide": -0.1 + 1e-8}),  # or as near
     ('joint "ball"', {"ball": np.deg2rad(50.0)}),
@@ -36,9 +36,9 @@ AT_A_LIMIT = [
 @pytest.mark.parametrize(("name", "pose"), AT_A_LIMIT)
 def test_an_element_on_its_limit_gives_a_warning_or_is_stuck(name, pose):
     data = limited(**pose)
-    of, joint = data.model, name.split('"')[1]
+    model, joint = data.model, name.split('"')[1]
     free, stuck, listed = (
-        jacobians(of, data, "tool", stuck_at_limits=choice) for choice in (False, True, [joint])
+        jacobians(model, data, "tool", stuck_at_limits=choice) for choice in (False, True, [joint])
     )
     warning = f'{name} rests on its limit and is treated as free: stuck_at_limits=["{joint}"]'
     assert len(free.warnings) == 1 and free.warnings[0].startswith(warning)
@@ -47,7 +47,7 @@ def test_an_element_on_its_limit_gives_a_warning_or_is_stuck(name, pose):
     assert len(stuck.J_C) == len(free.J_C) + 1
 
     def slope(velocity: np.ndarray) -> float:
-        there, back = (shifted(of, data, h * velocity[: of.nv]) for h in (1e-4, -1e-4))
+        there, back = (shifted(model, data, h * velocity[: model.nv]) for h in (1e-4, -1e-4))
         return abs(position(there, joint) - position(back, joint)) / 2e-4
 
     allowed, every = scipy.linalg.null_space(stuck.J_C), scipy.linalg.null_space(free.J_C)
@@ -85,7 +85,7 @@ def test_limits_disabled_by_flags_have_no_effect(flag):
     data = limited(slide=0.2)
     data.model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, flag))
     jac = jacobians(data.model, data, "tool", stuck_at_limits=True)
-    assert len(jac.J_C) == 2  # of the rope and of the ball's motor
+    assert len(jac.J_C) == 2  # for the rope and the ball's motor
     assert jacobians(data.model, data, "tool").warnings == ()
 
 
@@ -110,11 +110,11 @@ SPRUNG = (
 @pytest.mark.parametrize("margin", [0.0, 0.05])
 @pytest.mark.parametrize("turn_rad", [1e-3, -1e-3])
 def test_a_simulated_finger_moves_as_predicted_with_its_coupler_stuck(turn_rad, margin):
-    """Without the limit, the prediction is that of a free coupler."""
-    finger = model("five_bar", *SPRUNG)
-    finger.jnt_margin[finger.joint("left_elbow").id] = margin  # where the limit begins to push back
+    """The prediction without the limit is that of a free coupler."""
+    finger = model_of("five_bar", *SPRUNG)
+    finger.jnt_margin[finger.joint("left_elbow").id] = margin  # at which the limit starts to act
     data = assemble(finger)
-    mujoco.mj_step(finger, data, 4000)  # onto the limit, which gives a little
+    mujoco.mj_step(finger, data, 4000)  # onto the limit, which is soft
     start = pose_of(finger, data, "tool").translation_m
     still = mujoco.MjData(finger)
     still.qpos[:] = data.qpos
@@ -157,12 +157,9 @@ def test_a_tendon_rests_on_its_limit_with_bodies_moved_from_outside():
     assert sentence.startswith('tendon "rope" rests on its limit and is treated as free')
 
 
-# Contacts and pins.
-
-
 def leg(height: float = 0.0) -> mujoco.MjData:
     """Create a leg with its foot on the floor, or at a height above it."""
-    data = mujoco.MjData(model("leg"))
+    data = mujoco.MjData(model_of("leg"))
     mujoco.mj_kinematics(data.model, data)
     data.qpos[2] += 0.02 * (1 - 1e-6) + height - data.geom_xpos[-1, 2]
     mujoco.mj_forward(data.model, data)
@@ -174,14 +171,14 @@ def test_contacts_give_warnings_with_the_names_of_the_bodies():
     for height, margin, gap, warnings in (
         (0.0, 0.0, 0.0, (warning,)),
         (1e-3, 0.0, 0.0, ()),
-        (1e-3, 2e-3, 0.0, (warning,)),  # the floor pushes within the margin,
-        (1e-3, 0.0, 2e-3, ()),  # and is only noticed within the gap
+        (1e-3, 2e-3, 0.0, (warning,)),  # the floor exerts force within the margin,
+        (1e-3, 0.0, 2e-3, ()),
     ):
         data = leg(height)
         data.model.geom_margin[-1], data.model.geom_gap[-1] = margin, gap
         assert jacobians(data.model, data, "sole").warnings == warnings
     with pytest.raises(ModelError, match=r"no actuator moves 'trunk'.* stands on in pinned="):
-        jacobians(data.model, data, "trunk")  # a leg in the air
+        jacobians(data.model, data, "trunk")  # lifted leg
 
 
 @pytest.mark.parametrize("frame", ["sole", Body("foot"), "toe", Body("toe")])

@@ -10,12 +10,12 @@ from sim.mjcf import joint_stiffness, located, mass_matrix
 from sim.mjcf.part import task_part
 from sim.plant import NonlinearityMonitor, beyond_linear, dry_friction
 from sim.plant.linear import LinearPlant
-from tests.models import model as model_of
+from tests.models import model_of
 from tests.motions import shifted
-from tests.sim.machines import WORLD, at, closed, linkage, pendulum
+from tests.sim.machines import WORLD, closed_state, linkage, pendulum, state_at
 
 
-def test_a_bob_on_a_tie_swings_with_the_frequency_of_its_length():
+def test_a_pendulum_swings_with_the_frequency_of_its_length():
     """omega^2 = g / l: all stiffness is geometric, from the loaded light rod that rotates."""
     model = mujoco.MjModel.from_xml_string("""<mujoco><worldbody><site name="base"/>
       <body name="rod"><joint axis="0 1 0"/>
@@ -26,7 +26,7 @@ def test_a_bob_on_a_tie_swings_with_the_frequency_of_its_length():
       <equality><connect body1="rod" body2="bob" anchor="0 0 -0.5"/></equality></mujoco>""")
     linear = linearize(model, mujoco.MjData(model))
     assert linear.A.shape == (2, 2)
-    # The rod's own mass and the finite differences leave 1e-6.
+    # The rod's own mass and the finite differences contribute 1e-6.
     assert -linear.A[1, 0] == pytest.approx(9.81 / 0.5, rel=1e-5)
 
 
@@ -47,7 +47,6 @@ def test_an_actuator_with_an_internal_state_is_rejected():
 
 
 def test_a_rod_between_two_ball_joints_is_unobservable_about_its_axis_only():
-    """Any other motion has stiffness or moves the task."""
     model = mujoco.MjModel.from_xml_string("""<mujoco><option gravity="0 0 0"/><worldbody>
       <body><joint name="crank" axis="0 1 0" damping="0.1" armature="0.01"/>
         <geom size="0.02" mass="0.1"/>
@@ -65,13 +64,10 @@ def test_a_rod_between_two_ball_joints_is_unobservable_about_its_axis_only():
 
 @pytest.mark.parametrize("length", [0.3, np.nextafter(0.3, 0), np.nextafter(0.3, 1), 0.3 + 1e-12])
 def test_a_cable_that_just_begins_to_pull_has_its_stiffness(length):
-    """Its spring starts to act at its present length, 0.3 m, and acts on half of the joint."""
+    """The cable starts to act at its present length, 0.3 m, and acts on half of the joint."""
     model = pendulum('<motor joint="a"/>', cable='springlength="0 0.3" stiffness="50"')
-    stiffness = jacobians(model, at(model, a=2 * length), site="tool").stiffness
+    stiffness = jacobians(model, state_at(model, a=2 * length), site="tool").stiffness
     np.testing.assert_allclose(stiffness, [[50.0 / 4]])  # type: ignore[arg-type]
-
-
-# A servo that loses its force, as the linear model of the healthy machine foretells it.
 
 
 def without(linear: LinearPlant, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -85,23 +81,23 @@ def without(linear: LinearPlant, k: int) -> tuple[np.ndarray, np.ndarray, np.nda
 @pytest.mark.parametrize("name", ["arm", "platform", "hand", "arms"])
 def test_a_released_servo_leaves_the_linear_model_without_its_feedback(name):
     """The prediction equals the linear model of the machine with this servo switched off."""
-    of = load_model(MODELS / f"{name}.xml")
-    linear = Plant(of).linear()
-    for k in range(of.nu) if name != "arms" else (0, 7):
+    model = load_model(MODELS / f"{name}.xml")
+    linear = Plant(model).linear()
+    for k in range(model.nu) if name != "arms" else (0, 7):
         A, B, push = without(linear, k)
-        broken = Plant(of)
+        broken = Plant(model)
         broken.release(k)
         real = broken.linear()
         np.testing.assert_allclose(A, real.A, atol=1e-6 * np.abs(linear.A).max())
         np.testing.assert_allclose(B, real.B, atol=1e-6 * np.abs(B).max())
-        np.testing.assert_allclose(push, 0.0, atol=1e-6)  # no gravity: nothing was held
+        np.testing.assert_allclose(push, 0.0, atol=1e-6)  # without gravity no force is required
 
 
 @pytest.mark.parametrize("k", [0, 1])
 def test_without_a_servo_a_machine_falls_as_in_its_linear_model(k):
-    """From rest under gravity the error is within 1 % of the motion for 30 ms."""
-    of = model_of("lifted")
-    plant = Plant(of, base=None, start=assemble(of))
+    """The error is within 1 % of the motion for 30 ms, from rest under gravity."""
+    model = model_of("lifted")
+    plant = Plant(model, base=None, start=assemble(model))
     linear = plant.linear()
     A, _, push = without(linear, k)
     plant.release(k)
@@ -116,8 +112,8 @@ def test_without_a_servo_a_machine_falls_as_in_its_linear_model(k):
 
 def test_dry_friction_is_that_of_the_file():
     """A force at a joint or tendon accelerates by M^-1 times its row."""
-    of = model_of("rubbing_arm", add_locks=True)
-    plant = Plant(of, start=mujoco.MjData(of))
+    model = model_of("rubbing_arm", add_locks=True)
+    plant = Plant(model, start=mujoco.MjData(model))
     friction = plant.linear().friction
     assert friction is not None
     assert dry_friction(plant.model) == ("shoulder", "elbow", "belt")
@@ -127,9 +123,6 @@ def test_dry_friction_is_that_of_the_file():
     np.testing.assert_allclose(mass @ friction.push, friction.rows.T, atol=1e-12)
     plant.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
     assert plant.linear().friction is None
-
-
-# What is not linear is named, and nothing else.
 
 
 def pair(
@@ -162,7 +155,6 @@ def pair(
     ],
 )
 def test_each_nonlinear_effect_is_listed_once(parts, start):
-    """Sentences have the name of the element."""
     (sentence,) = beyond_linear(*pair(**parts))
     assert start in sentence.replace("equality ", "")
 
@@ -216,17 +208,14 @@ def test_contacts_outside_the_part_are_not_recorded():
     assert not of_task.sentences
 
 
-# Mass matrix and springs of joints.
-
-
 def test_the_mass_matrix_gives_the_kinetic_energy_of_any_velocity():
-    of = linkage()
-    data = closed(of)
-    mass = mass_matrix(of, data)
-    of.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-    for velocity in np.random.default_rng(0).normal(size=(3, of.nv)):
+    model = linkage()
+    data = closed_state(model)
+    mass = mass_matrix(model, data)
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    for velocity in np.random.default_rng(0).normal(size=(3, model.nv)):
         data.qvel[:] = velocity
-        mujoco.mj_forward(of, data)
+        mujoco.mj_forward(model, data)
         assert velocity @ mass @ velocity / 2 == pytest.approx(data.energy[1], rel=1e-12)
 
 
@@ -237,13 +226,13 @@ def test_springs_push_back_with_their_stiffness_against_each_velocity():
           <joint name="hinge" stiffness="5"/><geom size="0.1"/></body></body></body>
       <body pos="4 0 0"><joint type="free" stiffness="7"/><geom size="0.1"/></body>
     </worldbody></mujoco>"""
-    of, h = mujoco.MjModel.from_xml_string(xml), 1e-4
+    model, h = mujoco.MjModel.from_xml_string(xml), 1e-4
     pushed = []
-    for e in h * np.eye(of.nv):
-        data = shifted(of, mujoco.MjData(of), e)
-        mujoco.mj_forward(of, data)
+    for e in h * np.eye(model.nv):
+        data = shifted(model, mujoco.MjData(model), e)
+        mujoco.mj_forward(model, data)
         pushed.append(-data.qfrc_passive / h)
-    np.testing.assert_allclose(pushed, np.diag(joint_stiffness(of)), atol=1e-9)
+    np.testing.assert_allclose(pushed, np.diag(joint_stiffness(model)), atol=1e-9)
     plastic = xml.replace('stiffness="5"', 'stiffness="5" springyield="0.1"')
     with pytest.raises(ModelError, match='the spring of joint "hinge" is not linear'):
         joint_stiffness(mujoco.MjModel.from_xml_string(plastic))

@@ -13,19 +13,18 @@ from scipy.spatial.transform import Rotation
 
 from sim import MODELS, Body, ModelError, assemble, jacobians, load_model
 from sim.mjcf import element_id, model_sha256
-from tests.models import FOLDER, saved
-from tests.models import model as model_of
+from tests.models import FOLDER, model_of, saved
 from tests.sim.machines import CASES, SHIPPED, linkage
 
 
-def written(folder: Path, content: str) -> Path:
+def write_model(folder: Path, content: str) -> Path:
     file = folder / "robot.xml"
     file.write_text(content)
     return file
 
 
 HUGE = ("inf", "-1e300", "1e20")
-BROKEN = {  # what is replaced, by what, and which sentence names it
+BROKEN = {  # replaced text, new text, and expected message
     'timestep="0.002"': ("timestep", ("1e9", "1e-9", "0", "-1", "inf")),
     'gravity="0 0 -9.81"': ("gravity", ("0 0 1e20", "0 inf 0")),
     'density="0"': ("density", HUGE),
@@ -58,7 +57,7 @@ def broken(folder: Path, old: str, new: str) -> Path:
 
 
 @pytest.mark.parametrize(("old", "new", "element"), NUMBERS)
-def test_an_absurd_number_is_rejected_with_the_name_of_its_element(tmp_path, old, new, element):
+def test_an_invalid_number_is_rejected_with_the_name_of_its_element(tmp_path, old, new, element):
     """NaN is rejected where MuJoCo treats it as not stated: for a mass it uses the density."""
     file = broken(tmp_path, old, new)
     with pytest.raises(ModelError) as error:
@@ -83,8 +82,8 @@ def test_numbers_that_may_be_infinite_or_small_are_accepted(tmp_path, old, new):
         '<mujoco><worldbody><body><joint name="{a}"/></body></worldbody></mujoco>',
     ],
 )
-def test_a_bad_file_has_the_same_sentence_with_and_without_locks(tmp_path, content):
-    file, messages = written(tmp_path, content), []
+def test_an_invalid_file_has_the_same_message_with_and_without_locks(tmp_path, content):
+    file, messages = write_model(tmp_path, content), []
     for add_locks in (False, True):
         with pytest.raises(ModelError) as raised:
             load_model(file, add_locks=add_locks)
@@ -116,9 +115,6 @@ def test_assets_in_folders_next_to_the_file_are_loaded(tmp_path):
     assert (model.nmesh, model.neq) == (1, 3)
 
 
-# Locks.
-
-
 def equalities(model: mujoco.MjModel) -> dict[str, np.ndarray]:
     """Return all data of the equalities; of their numbers, those that are used."""
     names = ("type", "obj1id", "obj2id", "objtype", "active0", "solref", "solimp")
@@ -132,7 +128,7 @@ def test_locks_are_added_as_the_files_of_this_repository_have_them(tmp_path, nam
     """Removed from the file and added again, all equalities are as before."""
     file = MODELS / f"{name}.xml"
     content, count = re.subn(r'<joint name="lock\d+".*/>', "", file.read_text())
-    complete, bare = load_model(file), written(tmp_path, content)
+    complete, bare = load_model(file), write_model(tmp_path, content)
     assert count == complete.nu
     assert load_model(bare).neq == complete.neq - count
     for already in (file, bare):
@@ -143,7 +139,7 @@ def test_locks_are_added_as_the_files_of_this_repository_have_them(tmp_path, nam
 
 @pytest.mark.parametrize("braked", ["false", "true"])
 def test_each_joint_and_tendon_with_an_actuator_gets_one_lock(braked):
-    """It is named after its first actuator; an existing lock of any name is kept."""
+    """The lock has the name of the first actuator; an existing lock of any name is kept."""
     brake = f'<equality><joint name="brake" joint1="shoulder" active="{braked}"/></equality>'
     model, locked_parts = (
         model_of("drives", ("<actuator>", f"{brake}<actuator>"), add_locks=True),
@@ -172,9 +168,6 @@ def test_an_actuator_is_located_for_any_number_of_controls_of_others():
         element_id(model, "actuator", "hand")
     with pytest.raises(ModelError, match=r'no equality named "lock1"; it has: none$'):
         element_id(model_of("three_joints"), "equality", "lock1")
-
-
-# MuJoCo's warnings.
 
 
 ODD = {
@@ -208,8 +201,8 @@ def test_a_warning_is_logged_and_not_written_to_a_file(here, caplog):
         ("import experiments.app.cli, sim", None),
     ],
 )
-def test_a_program_sees_warnings_by_its_handler_and_a_command_shows_none(here, first, target):
-    """No program leaves MUJOCO_LOG.TXT in its folder."""
+def test_a_program_gets_warnings_by_its_handler_and_a_command_shows_none(here, first, target):
+    """Programs leave no MUJOCO_LOG.TXT in their folder."""
     done = subprocess.run(
         [sys.executable, "-c", f"{first}; sim.load_model('odd.xml')"],
         env={"PYTHONPATH": str(Path(__file__).parents[2])},
@@ -220,8 +213,6 @@ def test_a_program_sees_warnings_by_its_handler_and_a_command_shows_none(here, f
     for stream in ("stdout", "stderr"):
         assert ("NaN" in getattr(done, stream)) == (stream == target)
 
-
-# URDF: MuJoCo compiles it.
 
 ARM, TOOL = FOLDER / "arm.urdf", Body("tool")
 
@@ -247,7 +238,7 @@ def test_a_mimic_joint_is_a_closed_loop_and_the_effort_limits_the_actuator(tmp_p
         kind = mujoco.mjtTrn.mjTRN_JOINT
         spec.add_actuator(name=name, target=name, trntype=kind).set_to_position(kp=500, kv=30)
     spec.compile()
-    model = load_model(written(tmp_path, spec.to_xml()))
+    model = load_model(write_model(tmp_path, spec.to_xml()))
     jac = jacobians(model, assemble(model), site=TOOL)
     elbow, follower = (model.joint(name).dofadr[0] for name in ("elbow", "follower"))
     (row,) = jac.J_C / jac.J_C[0, follower]

@@ -34,14 +34,14 @@ from sim import (
 )
 from sim.plant import FailureKind
 from tests.closed_form import closed_form, modes_of
-from tests.models import model as model_of
+from tests.models import model_of
 from tests.sim.machines import SHIPPED, mode_shapes, pole_of, ring_down, settled
 
 PERIOD_S = 1e-3
 HEXAPOD = str(MODELS / "fjh")
 
 
-def sway(plant: Plant, seconds: float) -> list[float]:
+def drive_sinusoid(plant: Plant, seconds: float) -> list[float]:
     """Drive all struts by 20 um at 0.5 Hz with different phases; return residuals by tick."""
     residuals = []
     for _ in range(round(seconds / PERIOD_S)):
@@ -61,13 +61,10 @@ MODES = STRUTS = some((0, 3), (1, 2, 4, 5))
 
 
 @cache
-def swung() -> tuple[Plant, list[float]]:
+def after_oscillation() -> tuple[Plant, list[float]]:
     """Return the hexapod after 0.8 s of oscillation, and its closure residuals."""
     plant = Plant(load_model())
-    return plant, sway(plant, 0.8)
-
-
-# Statics and modes of the hexapod.
+    return plant, drive_sinusoid(plant, 0.8)
 
 
 @pytest.mark.parametrize("seconds", some((0.25,), (2.0,)))
@@ -103,7 +100,7 @@ def test_payload_stiffness_is_that_of_the_springs_through_the_jacobian(model):
     size = np.array([0.1, 0.1, 0.1, 1.0, 1.0, 1.0])
     moved = [payload_displacement(model, wrench) - unloaded for wrench in np.diag(size)]
     measured = np.linalg.inv(np.array(moved).T / size)
-    # Lengths as of the strut put rotation and translation in one unit.
+    # The strut's length converts rotation and translation to one unit.
     unit = np.diag([1 / 0.4064] * 3 + [1.0] * 3)
     measured, springs, full = (unit @ K @ unit for K in (measured, springs, oracle.K))
     assert np.linalg.norm(measured - springs) < 5e-3 * np.linalg.norm(springs)
@@ -114,7 +111,7 @@ def test_modes_of_the_linearized_plant_are_those_of_the_closed_form(model):
     plant = Plant(model)
     frequency, damping = modes_of(linearize(plant.model, plant.data).A)
     expected_frequency, expected_damping = closed_form(model).modes()
-    # 0.05 % off, both.
+    # Both differ by 0.05 %.
     np.testing.assert_allclose(frequency, expected_frequency, rtol=1e-3)
     np.testing.assert_allclose(damping, expected_damping, rtol=1e-3)
 
@@ -141,15 +138,15 @@ def test_without_damping_energy_is_conserved_at_every_step(model, mode, seconds)
     energy_at_rest = data.energy[0]
     shape, momentum = mode_shapes()[mode], np.empty(model.nv)
     mujoco.mj_mulM(undamped, data, momentum, shape)
-    # Equal modes have no shape of their own: the energy put in does not depend on the one taken.
+    # The shapes of equal modes are arbitrary; the initial energy is not.
     data.qvel[:] = shape * np.sqrt(2.0 * 5e-6 / (shape @ momentum))
 
     energy = []
     for _ in range(round(seconds / undamped.opt.timestep)):
         before = data.qvel.copy()
-        mujoco.mj_step(undamped, data)  # data.energy[0] is of the position it started from
+        mujoco.mj_step(undamped, data)  # data.energy[0] belongs to the previous position
         centred = (before + data.qvel) / 2
-        # Positions and velocities of semi-implicit Euler stand half a step apart.
+        # Positions and velocities of semi-implicit Euler differ by half a step.
         mujoco.mj_mulM(undamped, data, momentum, centred)
         energy.append(data.energy[0] - energy_at_rest + centred @ momentum / 2)
     np.testing.assert_allclose(energy, energy[0], rtol=0.01)
@@ -162,7 +159,7 @@ def test_halving_the_time_step_changes_no_rms_error_by_a_hundredth_percent(model
     half = copy.copy(model)
     half.opt.timestep /= 2
     testbed = Testbed(half, TestbedConfig(), nominal_loops(model, TestbedConfig()))
-    # The constant Jacobian is cheaper, and moves no RMS by more than 5e-5 urad.
+    # The constant Jacobian is faster, and changes no RMS by more than 5e-5 urad.
     rig, path = hexapod_rig(testbed), testbed.bench.spiral_rad()
     calls = [
         {"controller": rig.controller(c.goal), "path": path, "failures": c.failures}
@@ -174,21 +171,18 @@ def test_halving_the_time_step_changes_no_rms_error_by_a_hundredth_percent(model
         published = table1["by_name"][column.name]
         whole = [published[f"{angle}_rms_urad"] for angle in ("alpha", "beta")]
         np.testing.assert_allclose(1e6 * run.rms(), whole, rtol=1e-4)
-        # Another step is another run: the comparison is not one of a run with itself.
+        # Other time steps must give different runs.
         assert np.abs(1e6 * run.rms() - whole).min() > 0
-
-
-# Failures of the hexapod in flight.
 
 
 @pytest.mark.parametrize("strut", STRUTS)
 def test_a_strut_locked_in_motion_stays_and_the_loops_stay_closed(strut):
-    plant, residuals = copy.deepcopy(swung())
+    plant, residuals = copy.deepcopy(after_oscillation())
     plant.lock(strut)
     where = plant.displacements()[strut]
     assert abs(where) > 1e-6, "the lock must be off centre to be a test"
     for _ in range(300):
-        residuals += sway(plant, PERIOD_S)
+        residuals += drive_sinusoid(plant, PERIOD_S)
         assert abs(plant.displacements()[strut] - where) < 1e-7
     assert max(residuals) < CLOSURE_LIMIT_M
 
@@ -205,7 +199,7 @@ def test_stops_hold_the_struts_within_their_stroke(model):
 
 def test_soft_loops_have_residuals_and_a_machine_without_loops_has_none(model):
     plant = Plant(model_of(HEXAPOD, ('solref="2.5e-4 1"', 'solref="0.02 1"')))
-    assert max(sway(plant, 0.2)) > 100 * CLOSURE_LIMIT_M
+    assert max(drive_sinusoid(plant, 0.2)) > 100 * CLOSURE_LIMIT_M
     cut = copy.copy(model)
     cut.eq_active0[:] = False
     plant = Plant(cut)
@@ -213,11 +207,8 @@ def test_soft_loops_have_residuals_and_a_machine_without_loops_has_none(model):
     assert plant.closure_residual_m() == 0.0
 
 
-# Divergence and time.
-
-
 def test_each_of_mujocos_warnings_of_a_non_finite_state_ends_the_run(model):
-    """One warning is enough, since the state may stay finite for some time."""
+    """A single warning is enough, since the state may stay finite for some time."""
     for kind in ("BADQPOS", "BADQVEL", "BADQACC"):
         plant = Plant(model)
         plant.data.warning[getattr(mujoco.mjtWarning, f"mjWARN_{kind}")].number = 1
@@ -228,11 +219,11 @@ def test_each_of_mujocos_warnings_of_a_non_finite_state_ends_the_run(model):
 @pytest.mark.parametrize("flag", ['autoreset="disable"', ""])
 def test_a_plant_that_turns_non_finite_stops_with_its_time_and_state(flag):
     """MuJoCo's automatic reset in a file, which would lose the state, is disabled."""
-    # Dampers that an explicit step of a millisecond cannot follow.
+    # An explicit step of a millisecond is unstable with these dampers.
     too_fast = (('timestep="1.25e-4"', 'timestep="1e-3"'), ('damping="110"', 'damping="2000"'))
     plant = Plant(model_of(HEXAPOD, ('autoreset="disable"', flag), *too_fast))
     with pytest.raises(SimulationDiverged) as caught:
-        sway(plant, 1.0)
+        drive_sinusoid(plant, 1.0)
     assert 0.001 < caught.value.time_s < 1.0
     assert caught.value.state[0] == pytest.approx(caught.value.time_s - PERIOD_S, abs=1e-9)
     assert np.isfinite(caught.value.state).all()
@@ -278,17 +269,14 @@ def test_a_period_in_parts_is_the_same_to_the_last_bit(model):
     np.testing.assert_array_equal(once.data.qpos, often.data.qpos)
 
 
-# Task frame.
-
-
 def with_turned_sites(name: str, seed: int) -> mujoco.MjModel:
     """Load a machine of this repository with base and payload in any orientation."""
-    of, rng = load_model(MODELS / f"{name}.xml"), np.random.default_rng(seed)
+    model, rng = load_model(MODELS / f"{name}.xml"), np.random.default_rng(seed)
     for site in ("base", "payload"):
         q = rng.normal(size=4)
-        of.site(site).quat = q / np.linalg.norm(q)
-        of.site(site).sameframe = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
-    return of
+        model.site(site).quat = q / np.linalg.norm(q)
+        model.site(site).sameframe = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+    return model
 
 
 def world_displacement(plant: Plant) -> np.ndarray:
@@ -309,14 +297,14 @@ ON_ARM = Body("link2")
     ("name", "base"), [("arm", ON_ARM), *itertools.product(SHIPPED, ["base", None])]
 )
 def test_motion_of_the_payload_is_measured_from_its_nominal_pose(name, base):
-    """It is that of the body in present axes of the base, for any orientation of the sites."""
+    """The motion is that of the body in axes of the base, for any orientation of the sites."""
     for seed in range(3):
         plant = Plant(with_turned_sites(name, seed), base=base)
         nominal = plant.data.site("payload").xpos.copy()
         np.testing.assert_allclose(plant.displacement(), 0.0, atol=5e-15)
         np.testing.assert_allclose(plant.pose().rotation, np.eye(3), atol=5e-15)
         R, payload = (plant.data.site(s).xmat.reshape(3, 3) for s in ("base", "payload"))
-        assert Rotation.from_matrix(R.T @ payload).magnitude() > 0.1  # which was once shown
+        assert Rotation.from_matrix(R.T @ payload).magnitude() > 0.1
         size = 0.1 if base == ON_ARM else 1e-4
         plant.step(size * np.cos(np.arange(plant.model.nu)), 0.02)
         axes = np.eye(3)
@@ -326,7 +314,7 @@ def test_motion_of_the_payload_is_measured_from_its_nominal_pose(name, base):
         expected = (world_displacement(plant).reshape(2, 3) @ axes).ravel()
         np.testing.assert_allclose(plant.displacement(), expected, atol=1e-13)
         assert np.abs(expected).max() > 1e-6
-        plant.axes[:], plant.origin_m[:] = 7.0, 7.0  # copies
+        plant.axes[:], plant.origin_m[:] = 7.0, 7.0
         np.testing.assert_allclose(plant.axes, axes, atol=1e-15)
         np.testing.assert_allclose(plant.origin_m, nominal, atol=1e-15)
 
@@ -334,22 +322,19 @@ def test_motion_of_the_payload_is_measured_from_its_nominal_pose(name, base):
 @pytest.mark.parametrize("base", ["base", None])
 def test_small_motion_and_pushes_are_those_of_the_jacobian(base):
     """Virtual work: at rest the joint torques are J^T times the wrench in base axes."""
-    of, wrench = with_turned_sites("arm", 3), np.random.default_rng(4).normal(size=6)
-    jac = jacobians(of, mujoco.MjData(of), "payload", axes=base)
-    plant = Plant(of, base=base)
+    model, wrench = with_turned_sites("arm", 3), np.random.default_rng(4).normal(size=6)
+    jac = jacobians(model, mujoco.MjData(model), "payload", axes=base)
+    plant = Plant(model, base=base)
     plant.step(1e-5 * np.array([0.3, -0.4, 0.5, 0.2, -0.3, 0.1, 0.4]), 0.2)
     expected = jac.J_T[:, jac.active] @ plant.displacements()
     np.testing.assert_allclose(plant.displacement(), expected, atol=1e-3 * np.abs(expected).max())
-    plant = Plant(of, base=base)
+    plant = Plant(model, base=base)
     plant.push(wrench)
     mujoco.mj_forward(plant.model, plant.data)
     np.testing.assert_allclose(plant.data.qfrc_smooth, jac.J_T.T @ wrench, atol=1e-12)
     plant.shake(np.array([1.0, 2.0, 3.0]))
     axes = plant.axes @ [1.0, 2.0, 3.0]
-    np.testing.assert_allclose(plant.model.opt.gravity, of.opt.gravity - axes, atol=1e-12)
-
-
-# A failure as text, NAME:KIND@SECONDS.
+    np.testing.assert_allclose(plant.model.opt.gravity, model.opt.gravity - axes, atol=1e-12)
 
 
 @given(

@@ -27,7 +27,7 @@ def close(a: Pose, b: Pose, atol: float = 1e-12) -> None:
 
 
 @pytest.mark.parametrize("lead", [(), (4,), (2, 3), (0,)])
-def test_every_form_of_a_pose_leads_back_to_it(lead):
+def test_every_form_of_a_pose_is_converted_back(lead):
     pose = some(0, *lead)
     T = pose.matrix()
     assert T.shape == (*lead, 4, 4)
@@ -58,7 +58,6 @@ def test_a_half_turn_has_one_rotation_vector(axis):
 
 
 def test_batches_are_broadcast():
-    """Check rotations, translations and twists."""
     pose = Pose(some(0, 2, 1).rotation, some(1, 3).translation_m)
     for k, j in np.ndindex(2, 3):
         alone = Pose(pose.rotation[k, 0], pose.translation_m[j])

@@ -53,8 +53,8 @@ def at(model: mujoco.MjModel, qpos: Array) -> mujoco.MjData:
 
 
 @given(trees(), st.integers(0, 99))
-def test_a_part_has_all_that_moves_the_task_with_its_places_and_inertia(file, seed):
-    """Other columns are zero, no closure has both, and M consists of rows of the whole one."""
+def test_a_part_has_all_joints_of_the_task_with_their_inertia(file, seed):
+    """Columns of the rest are zero, no closure has both, and M has rows of the whole one."""
     spec, body = file
     model = spec.compile()
     frame = located(model, "site", Body(f"b{body}"))
@@ -108,7 +108,7 @@ def test_objects_a_hand_and_a_second_arm_come_to_rest_and_the_arm_stays(tmp_path
     before = plant.data.qpos.copy()
     assert np.abs(moved(plant, 0.0, 0.0)).max() < 1e-6
     assert np.abs(plant.data.qpos - before)[scene.part.positions].max() < 1e-6
-    # What is commanded is the part alone: all else keeps the controls with which it came to rest.
+    # Only the part is commanded; other controls keep the values of the equilibrium.
     assert [drive.name for drive in plant.drives] == ["shoulder", "elbow"]
     np.testing.assert_allclose(moved(plant, 0.01, 0.0), [0.01, 0.0], atol=1e-3)
     np.testing.assert_allclose(plant.data.ctrl[2:], scene.start.ctrl[2:])
@@ -125,14 +125,14 @@ def test_an_arm_whose_actuators_come_after_others_has_its_locks(tmp_path):
 
 
 def test_a_servo_too_weak_for_the_start_sags_with_a_warning(tmp_path):
-    """Its weakest joint comes to rest at the end of the control range."""
+    """The weakest joint comes to rest at the end of the control range."""
     scene = desk(tmp_path, m1='ctrlrange="0 1"')
     assert "shoulder by" in scene.start_warnings[0]
     assert np.abs(moved(plant_of(scene), 0.0, 0.0)).max() < 1e-6
 
 
 def test_a_joint_outside_its_range_in_the_file_starts_inside(tmp_path):
-    """It starts inside by a twentieth of the range, with a warning, and can move both ways."""
+    """The joint starts inside by a twentieth of the range, and can move both ways."""
     scene = desk(tmp_path, elbow='range="17.2 74.5" limited="true"')
     low, high = np.deg2rad([17.2, 74.5])
     begins = low + 0.05 * (high - low)
@@ -168,7 +168,7 @@ def test_diverging_physics_is_rejected_with_advice_that_helps(tmp_path):
 
 
 def test_a_falling_base_is_rejected_with_pins_that_work():
-    """With the advised pins the feet stay, and the machine is at rest."""
+    """The feet stay with the advised pins, and the machine is at rest."""
     file = FOLDER / "walker.xml"
     with pytest.raises(ModelError, match="gravity moves the free joint") as error:
         scene_of(file, "hand")

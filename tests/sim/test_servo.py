@@ -8,7 +8,7 @@ from sim import ModelError, Plant, servoed
 from sim.mjcf import mass_matrix
 from sim.scene import robot_scene
 from tests.models import saved
-from tests.sim.machines import WORLD, pendulum, posed
+from tests.sim.machines import WORLD, pendulum, started_model
 
 MOTORS = '<motor joint="a" gear="3"/><velocity joint="b" kv="7"/>'
 RATIO, FREQUENCY_HZ = 0.6, 5.0
@@ -88,12 +88,12 @@ def test_motors_that_share_inertia_come_to_rest_as_servos():
 
 
 def test_the_inertia_of_a_servo_in_a_loop_is_that_of_the_loop():
-    """With one motor on a four-bar the only mode has the stated frequency."""
+    """The only mode of a four-bar with one motor has the stated frequency."""
     stiff = '<joint joint1="elbow" polycoef="0.05 0 0 0 0"/></equality>'
     servos = """<position joint="left" gear="3" kp="400" kv="8"/>
     <position joint="right" kp="3e3" kv="60"/>
     <position joint="elbow" kp="3e3" kv="60"/>"""
-    model, start = posed(
+    model, start = started_model(
         "squeezed_loop",
         ("<option ", '<option gravity="0 0 0" '),
         (' damping="1"', ""),
@@ -107,7 +107,7 @@ def test_the_inertia_of_a_servo_in_a_loop_is_that_of_the_loop():
 
 
 def test_a_velocity_servo_of_a_scene_becomes_a_position_servo(tmp_path):
-    """Its range was one of speed, and does not limit the force."""
+    """The range of the velocity servo was one of speed, and does not limit the force."""
     servo = '<velocity name="m2" joint="elbow" kv="5" ctrlrange="-1 1"/>'
     position = '<position name="m2" joint="elbow" kp="200" kv="20"/>'
     file = saved(tmp_path, "desk", (position, servo))

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from sim import MODELS, Body, jacobians
-from tools.public_robots.page import BEGIN, COLUMNS, END, page, table
+from tools.public_robots.page import COLUMNS, END, START, page, table
 from tools.public_robots.registry import files
 from tools.public_robots.stripping import stripped
 from tools.public_robots.task_frame import task_frame
@@ -44,7 +44,7 @@ def of_text(text):
 
 
 def test_a_stripped_robot_moves_as_the_whole_one(tmp_path):
-    """The same forces give the same accelerations, and no asset file is needed."""
+    """Equal forces give equal accelerations, and no asset file is needed."""
     file = tmp_path / "robot.xml"
     file.write_text(MESHED)
     whole, data = of_text(MESHED)
@@ -71,7 +71,7 @@ def test_files_that_others_include_and_those_of_tests_are_no_robots(tmp_path):
     assert [file.name for file in files(tmp_path)] == ["scene.xml"]
 
 
-def test_a_robot_stands_on_its_lowest_sites_and_works_with_what_is_no_foot():
+def test_a_robot_stands_on_its_lowest_sites_and_works_with_another_end():
     spec = mujoco.MjSpec.from_file(str(MODELS / "quadruped.xml"))
     feet = ("front_left", "front_right", "rear_left", "rear_right")
     model = spec.compile()
@@ -97,7 +97,7 @@ def test_the_task_of_an_arm_is_the_end_of_its_longest_driven_chain():
     assert task_frame(model, data) == ("tool", ())
 
 
-def test_a_wrong_jacobian_is_seen_by_differences_and_a_wrong_rate_by_power():
+def test_a_wrong_jacobian_is_detected_by_differences_and_a_wrong_rate_by_power():
     model, data = of_text(MESHED)
     data.qpos[:] = [0.4, -0.7]
     mujoco.mj_forward(model, data)
@@ -113,16 +113,16 @@ def test_a_wrong_jacobian_is_seen_by_differences_and_a_wrong_rate_by_power():
 
 
 def test_results_become_lines_of_a_csv_file_and_totals_on_the_page():
-    """One robot that completed both runs, one that was refused; the rest of the page stays."""
+    """The robots are one that completed both runs and one that was refused."""
     numbers = {"measured": [3.0, 4.0], "predicted": [5.0, 0.0], "uncompared": None, "leaves": None}
     numbers |= {"of_path": 0.05, "wrong": [], "named_after_ms": 80}
     done: dict = {"package": "dm-control", "name": "arm", "stage": None, "load": {"actuators": 2}}
     done |= {"rig": {"rows": [3, 4], "warnings": []}, "healthy": numbers, "lock": numbers}
-    refused = {"package": "dm-control", "name": "hand", "stage": "rig", "refused": "no task"}
-    text = page(f"above\n{BEGIN}old\n{END}\nbelow\n", [done, refused], "Conditions.")
-    assert text.startswith(f"above\n{BEGIN}Conditions.\n") and text.endswith(f"{END}\nbelow\n")
+    rejected = {"package": "dm-control", "name": "hand", "stage": "rig", "refused": "no task"}
+    text = page(f"above\n{START}old\n{END}\nbelow\n", [done, rejected], "Conditions.")
+    assert text.startswith(f"above\n{START}Conditions.\n") and text.endswith(f"{END}\nbelow\n")
     assert "2 models: 1 completed both runs, 1 were refused" in text and "old" not in text
-    rows = list(csv.DictReader(io.StringIO(table([done, refused]))))
+    rows = list(csv.DictReader(io.StringIO(table([done, rejected]))))
     assert [row["outcome"] for row in rows] == ["completed", "refused"]
     assert rows[0]["measured_over_predicted"] == "1.00" and rows[1]["message"] == "rig: no task"
     published = (Path(__file__).parents[2] / "docs/data/robots.csv").read_text()

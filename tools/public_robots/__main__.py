@@ -1,12 +1,12 @@
-"""`make robots`: every robot of some registry packages through a trial.
+"""`make robots`: load and simulate every robot of some registry packages.
 
 It writes docs/data/robots.csv, and the totals on docs/refused.md.
 
-    python -m tools.public_robots                          those without a result yet
-    python -m tools.public_robots --only panda --only ur5e   those whose name has one of these, anew
-    python -m tools.public_robots --page                   the page alone, of the results there are
+    python -m tools.public_robots                          robots without a result
+    python -m tools.public_robots --only panda --only ur5e   robots with such a name, again
+    python -m tools.public_robots --page                   the page alone, from existing results
 
-Packages, files and results are in build/robots; delete its `trials` to begin anew.
+Packages, files and results are in build/robots; delete its `trials` to start again.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from fjh.study.provenance import processor, versions
-from tools.public_robots.page import outcome, page, said, table
+from tools.public_robots.page import message, outcome, page, table
 from tools.public_robots.registry import Model, install, models
 from tools.public_robots.trial import LIMIT_S
 
@@ -32,25 +32,27 @@ PROCESSES = 2
 
 
 def main() -> None:
-    """Try robots, and write the page."""
-    parser = argparse.ArgumentParser(description="Published robots, from their file to a flight.")
-    parser.add_argument("--only", action="append", metavar="NAME", help="robots with this in it")
+    """Run robots, and write the page."""
+    parser = argparse.ArgumentParser(description="Load and simulate published robots.")
+    parser.add_argument(
+        "--only", action="append", metavar="NAME", help="robots with this in their name"
+    )
     parser.add_argument("--page", action="store_true", help="write page and CSV file alone")
-    words = parser.parse_args()
-    only = words.only
+    arguments = parser.parse_args()
+    only = arguments.only
     install(BUILD / "packages")
-    found = models(BUILD / "packages")
-    if not words.page:
+    robots = models(BUILD / "packages")
+    if not arguments.page:
         chosen = [
             each
-            for each in found
+            for each in robots
             if (any(part in each.label for part in only) if only else not _result(each).is_file())
         ]
         with ThreadPoolExecutor(PROCESSES) as pool:
-            for done, (model, record) in enumerate(pool.map(_run_trial, chosen), 1):
-                says = f"{outcome(record)} {said(record)}"[:200]
-                print(f"{done} of {len(chosen)} {model.label}: {says}", flush=True)
-    records = {each.label: _entry(each) for each in found if _result(each).is_file()}
+            for done, (model, record) in enumerate(pool.map(_run_robot, chosen), 1):
+                text = f"{outcome(record)} {message(record)}"[:200]
+                print(f"{done} of {len(chosen)} {model.label}: {text}", flush=True)
+    records = {each.label: _entry(each) for each in robots if _result(each).is_file()}
     (BUILD / "robots.json").write_text(json.dumps(records, indent=1))
     dates = sorted({each["date"] for each in records.values() if "date" in each})
     commits = sorted({each["commit"][:7] for each in records.values() if "commit" in each})
@@ -71,12 +73,12 @@ def _result(model: Model) -> Path:
 
 
 def _entry(model: Model) -> dict[str, Any]:
-    named = {"package": model.package, "name": model.name, "source": model.source}
-    return named | json.loads(_result(model).read_text())
+    origin = {"package": model.package, "name": model.name, "source": model.source}
+    return origin | json.loads(_result(model).read_text())
 
 
-def _run_trial(model: Model) -> tuple[Model, dict[str, Any]]:
-    """Run the trial of a robot in its own process, and return its record."""
+def _run_robot(model: Model) -> tuple[Model, dict[str, Any]]:
+    """Run the test of a robot in its own process, and return its record."""
     out = _result(model)
     out.parent.mkdir(parents=True, exist_ok=True)
     if model.xml is None:
@@ -86,9 +88,9 @@ def _run_trial(model: Model) -> tuple[Model, dict[str, Any]]:
     unfinished = out.with_suffix(".part")
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(model.xml)
-    words = [sys.executable, "-W", "ignore", "-m", "tools.public_robots.trial", file, unfinished]
+    command = [sys.executable, "-W", "ignore", "-m", "tools.public_robots.trial", file, unfinished]
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
-    code = subprocess.run(words, cwd=ROOT, env=environment, capture_output=True).returncode
+    code = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True).returncode
     record: dict[str, Any] = {"stage": "load"}
     if unfinished.is_file():
         record = json.loads(unfinished.read_text())

@@ -1,4 +1,4 @@
-"""Robots of the trials: MJCF files with actuators from some registry packages."""
+"""MJCF files of robots with actuators from some registry packages."""
 
 import hashlib
 import re

@@ -1,4 +1,4 @@
-"""Which frame of an unknown robot is its task, and on which feet it stands: docs/refused.md."""
+"""Task frame and feet of an unknown robot, by the rule of docs/refused.md."""
 
 from collections.abc import Iterable
 

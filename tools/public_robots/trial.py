@@ -1,4 +1,4 @@
-"""Trial of one robot, from its file to a run: `python -m tools.public_robots.trial FILE OUT.json`.
+"""Test of one robot, from its file to a run: `python -m tools.public_robots.trial FILE OUT.json`.
 
 Results are written after each stage, so that a stopped process leaves them.
 """
@@ -62,22 +62,22 @@ def main(file: Path, out: Path) -> None:
     """Run all stages and write their results."""
     record: dict[str, Any] = {"date": date.today().isoformat(), "commit": commit()}
 
-    def keep(**more: Any) -> None:
+    def save(**more: Any) -> None:
         record.update(more)
         out.write_text(json.dumps(record, indent=1))
 
-    keep(stage=STAGES[0])
+    save(stage=STAGES[0])
     start = time.monotonic()
     try:
         for stage, numbers in stages(file):
             following = (*STAGES, None)[STAGES.index(stage) + 1]
-            keep(**{stage: numbers}, stage=following)
+            save(**{stage: numbers}, stage=following)
     except REJECTIONS as error:
-        keep(refused=" ".join(str(error).replace(f"{file}: ", "").split()))
+        save(refused=" ".join(str(error).replace(f"{file}: ", "").split()))
     except Exception as error:
         message = " ".join(traceback.format_exception_only(error)[-1].split())
-        keep(traceback=message, whole=traceback.format_exc())
-    keep(duration_s=round(time.monotonic() - start, 1))
+        save(traceback=message, whole=traceback.format_exc())
+    save(duration_s=round(time.monotonic() - start, 1))
 
 
 def stages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -147,8 +147,8 @@ def _simulated(rig: Rig, failures: tuple[Failure, ...]) -> dict[str, Any]:
     path = rig.path("circle", duration_s=RUN_S, turn_s=RUN_S)
     dither = dither_of(rig, "default", "default")
     run = rig.fly(rig.supervisor(dither), path, failures=failures)
-    told, noise = diagnosed_at_s(rig, run, failures), run.measured - run.true
-    predicted = rig.predict(path, failures=failures, told=told, noise=noise, dither=dither)
+    known_s, noise = diagnosed_at_s(rig, run, failures), run.measured - run.true
+    predicted = rig.predict(path, failures=failures, told=known_s, noise=noise, dither=dither)
     of_model = predicted.rms_after if failures else predicted.rms_before
     measured = rms(run.error[run.time_s >= (FAILS_S if failures else 0.0) - 1e-9])
     failed = [rig.actuators[failure.number] for failure in failures]

@@ -1,1 +1,0 @@
-"""Inverse kinematics by tasks and limits."""

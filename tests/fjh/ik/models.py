@@ -21,7 +21,7 @@ def model_of(name: str) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_path(str(TEST_MODELS / f"{name}.xml"))
 
 
-def bent(model: mujoco.MjModel, seed: int, size: float = 0.3) -> mujoco.MjData:
+def random_state(model: mujoco.MjModel, seed: int, size: float = 0.3) -> mujoco.MjData:
     """Return a random state near the model's own, loops closed."""
     data, rng = mujoco.MjData(model), np.random.default_rng(seed)
     mujoco.mj_integratePos(model, data.qpos, rng.normal(scale=size, size=model.nv), 1.0)
@@ -42,12 +42,12 @@ def run_ticks(ik: Ik, data: mujoco.MjData, ticks: int, dt: float) -> Iterator[Ti
         before = qvel
 
 
-def moved(ik: Ik, data: mujoco.MjData, ticks: int, dt: float = DT) -> mujoco.MjData:
+def state_after(ik: Ik, data: mujoco.MjData, ticks: int, dt: float = DT) -> mujoco.MjData:
     """Return the state after a number of ticks."""
     *_, (data, _, _) = run_ticks(ik, data, ticks, dt)
     return data
 
 
-def missed(task: TaskFunction, model: mujoco.MjModel, data: mujoco.MjData) -> float:
+def remaining_error(task: TaskFunction, model: mujoco.MjModel, data: mujoco.MjData) -> float:
     """Return the largest remaining error of a task."""
     return float(np.abs(task.on(model).error(model, data)).max())

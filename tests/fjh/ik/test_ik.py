@@ -29,7 +29,7 @@ from sim import (
     jacobians,
     pose_of,
 )
-from tests.fjh.ik.models import DT, bent, missed, model_of, moved, shifted
+from tests.fjh.ik.models import DT, model_of, random_state, remaining_error, shifted, state_after
 
 FEET = "left_foot", "right_foot"
 LEGS = "front_left", "front_right", "rear_left", "rear_right"
@@ -54,9 +54,9 @@ def by_null_spaces(levels: list[tuple[Array, Array]], n: int, locked: list[int])
 
 @pytest.mark.parametrize("seed", range(8))
 def test_strict_levels_are_those_of_the_recursion_of_null_spaces(seed):
-    """Random levels of all kinds of tasks without limits and damping, with a locked joint."""
+    """Levels of tasks are random, without limits and damping, with a locked joint."""
     rng, model = np.random.default_rng(seed), model_of("humanoid")
-    data = bent(model, seed)
+    data = random_state(model, seed)
     here = pose_of(model, data, "right_hand")
     tasks = [
         FrameTask("right_hand", rows=POSITION, target=here.translation_m + rng.normal(size=3)),
@@ -80,7 +80,7 @@ def test_strict_levels_are_those_of_the_recursion_of_null_spaces(seed):
 
 
 def test_a_level_of_several_tasks_weighs_them():
-    """One slide cannot reach two positions: the result is the weighted mean."""
+    """The result is the weighted mean, since one slide cannot reach two positions."""
     model = model_of("xy_table")
     to_left = FrameTask("a", rows=[3], target=[-1.0, 0, 0], weight=1.0)
     to_right = FrameTask("b", rows=[3], target=[3.0, 0, 0], weight=2.0)
@@ -90,7 +90,7 @@ def test_a_level_of_several_tasks_weighs_them():
 
 def test_failures_compose_and_do_not_change_the_healthy_solver():
     model, tool = model_of("arm"), FrameTask("payload", target=np.zeros(3))
-    data, healthy = bent(model, 1), Ik(model, [tool], FREELY)
+    data, healthy = random_state(model, 1), Ik(model, [tool], FREELY)
     before = healthy.step(data, DT)
     both = healthy.with_failures(locked=["joint1"]).with_failures(locked=["joint4"])
     assert not both.step(data, DT)[[0, 3]].any()
@@ -109,9 +109,9 @@ def test_two_arms_carry_their_load_while_a_joint_is_locked(joint):
     ik = ik.with_failures(locked=[joint])
     for k in range(40):
         place.target = start.translation_m + 0.001 * k * np.array([0.5, 0.0, 1.0])
-        data = moved(ik, data, 1)
+        data = state_after(ik, data, 1)
         assert np.abs(data.efc_pos[: data.ne]).max() < 1e-9
-    assert missed(place, model, data) < 1e-4
+    assert remaining_error(place, model, data) < 1e-4
 
 
 def walking() -> tuple[mujoco.MjData, list[FrameTask], FrameTask]:
@@ -127,16 +127,16 @@ def walking() -> tuple[mujoco.MjData, list[FrameTask], FrameTask]:
 
 @pytest.mark.parametrize("locked", [None, "rear_left_hip"])
 def test_a_quadruped_steps_with_its_trunk_as_a_variable(locked):
-    """If a hip is locked the feet have priority, and the trunk misses its target."""
+    """The feet have priority if a hip is locked, and the trunk misses its target."""
     model, (data, feet, trunk) = model_of("quadruped"), walking()
     ik = Ik(model, [feet[1:], feet[0], trunk, PostureTask(target=data.qpos)], active=["root"])
-    data = moved(ik if locked is None else ik.with_failures(locked=[locked]), data, 60)
+    data = state_after(ik if locked is None else ik.with_failures(locked=[locked]), data, 60)
     for foot in feet:
-        assert missed(foot, model, data) < (1e-9 if locked is None else 1e-6)
+        assert remaining_error(foot, model, data) < (1e-9 if locked is None else 1e-6)
     if locked is None:
-        assert missed(trunk, model, data) < 1e-9
+        assert remaining_error(trunk, model, data) < 1e-9
     else:
-        assert 1e-4 < missed(trunk, model, data) < 0.05
+        assert 1e-4 < remaining_error(trunk, model, data) < 0.05
 
 
 def test_a_task_that_no_actuator_moves_needs_active_variables():
@@ -168,13 +168,13 @@ def test_a_humanoid_follows_with_its_hand_and_both_feet_stay(stands_by, locked):
     stood, last = [pose_of(model, data, foot) for foot in FEET], 10 if locked else 30
     for k in range(1, last + 11):
         hand.target = start.translation_m + 0.005 * min(k, last) * np.array([1.0, 0.3, 0.6])
-        data = moved(ik, data, 1, 0.02)
+        data = state_after(ik, data, 1, 0.02)
     for foot, before in zip(FEET, stood, strict=True):
         now = pose_of(model, data, foot)
         assert np.abs(now.translation_m - before.translation_m).max() < 1e-7
         assert np.abs(now.rotation - before.rotation).max() < 1e-7
-    assert missed(hand, model, data) < (1e-8 if locked else 1e-5)
-    assert missed(com, model, data) < 1e-5
+    assert remaining_error(hand, model, data) < (1e-8 if locked else 1e-5)
+    assert remaining_error(com, model, data) < 1e-5
     assert not locked or abs(data.joint("left_knee").qpos[0]) < 1e-12
 
 
@@ -205,7 +205,7 @@ def test_near_a_singular_pose_damping_bounds_the_rates_at_a_stated_cost(bend):
     assert answer.status is Status.DAMPED and f"level 1 by {lost:.2g}" in str(answer)
 
 
-def rested(ik: Ik, data: mujoco.MjData, ticks: int) -> float:
+def rate_at_end(ik: Ik, data: mujoco.MjData, ticks: int) -> float:
     """Return the largest rate of the last ticks."""
     fastest = 0.0
     for k in range(ticks):
@@ -235,21 +235,21 @@ def test_out_of_reach_an_arm_rests_at_the_nearest_point(level, distance, gain, l
         "with damping": [[tip, damping_task]],
         "before a posture": [tip, posture],
     }
-    assert rested(Ik(model, levels[level], limits), data, 300) < 1e-3
+    assert rate_at_end(Ik(model, levels[level], limits), data, 300) < 1e-3
     np.testing.assert_allclose(data.site("payload").xpos, 0.9 * target / distance, atol=1e-4)
 
 
 def test_an_unreachable_task_does_not_degrade_other_levels():
-    """Height first, exactly; distance as far as possible; then the roll, which both leave free."""
+    """Height has priority, then distance as far as possible, then the roll, which is free."""
     model, data = three_links(*BENT)
     height = FrameTask("payload", rows=[5], target=[0.0, 0.0, 0.5])
     far = FrameTask("payload", rows=[3], target=[4.0, 0.0, 0.0])
-    assert rested(Ik(model, [height, far], Limits(velocity=2.0)), data, 100) < 1e-3
+    assert rate_at_end(Ik(model, [height, far], Limits(velocity=2.0)), data, 100) < 1e-3
     np.testing.assert_allclose(data.site("payload").xpos, [np.sqrt(0.81 - 0.25), 0, 0.5], atol=1e-6)
     arm = model_of("arm")
     data, wrist = assemble(arm), PostureTask(joints=["joint7"], target=np.full(7, 0.4))
     hand = FrameTask("payload", rows=POSITION, target=[3.0, 0.0, 1.0])
-    assert rested(Ik(arm, [hand, wrist], Limits(velocity=2.0)), data, 150) < 1e-3
+    assert rate_at_end(Ik(arm, [hand, wrist], Limits(velocity=2.0)), data, 150) < 1e-3
     assert abs(data.qpos[6] - 0.4) < 1e-6
 
 
@@ -258,7 +258,7 @@ def test_an_unreachable_task_does_not_degrade_other_levels():
 )
 def test_near_a_reachable_target_no_damping_is_added_to_the_bit(name, frame):
     model, steps = model_of(name), []
-    data = bent(model, 3, 0.1)
+    data = random_state(model, 3, 0.1)
     for damping in (None, 0.0):
         goal = shifted(pose_of(model, data, frame), 0.004, -0.003, 0.005)
         task = FrameTask(frame, rows=POSITION, target=goal, damping=damping)
@@ -297,7 +297,7 @@ def test_a_task_is_evaluated_at_the_present_pose(kind):
     ],
 )
 def test_attributes_of_a_task_are_fixed_once_an_ik_uses_it(task, name, value):
-    """Before, attributes can be set and are checked; the gain can be set at any time."""
+    """Attributes set before are checked; the gain can be set at any time."""
     with pytest.raises((TypeError, ValueError), match=name):
         setattr(task, name, object())
     setattr(task, name, value)
@@ -311,7 +311,7 @@ def test_a_solution_does_not_depend_on_earlier_steps():
     model, tool, answers = model_of("mobile"), FrameTask("tool"), []
     ik = Ik(model, [tool, PostureTask(target=model.qpos0)], Limits(velocity=1.0))
     for seed, size, shift in ((5, 0.1, 0.1), (6, 0.2, -0.2), (5, 0.1, 0.1)):
-        data = bent(model, seed, size)
+        data = random_state(model, seed, size)
         tool.target = shifted(pose_of(model, data, "tool"), shift, 0.1, -shift)
         answers.append(ik.step(data, DT))
     np.testing.assert_array_equal(answers[0], answers[2])
@@ -322,7 +322,7 @@ def test_a_solution_does_not_depend_on_earlier_steps():
 def test_a_stored_solution_does_not_change_with_further_steps(name, frame, locked):
     """The compiled velocity equals that of the full solution and, to the bit, that of a step."""
     model, tool = model_of(name), FrameTask(frame)
-    data = bent(model, 4, 0.1)
+    data = random_state(model, 4, 0.1)
     ik = Ik(model, [tool, PostureTask(target=data.qpos)], Limits(velocity=2.0))
     ik = ik.with_failures(locked=locked)
     solutions, results = [], []
@@ -387,13 +387,13 @@ def hand_distance(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Ar
 
 def test_a_user_defined_task_is_achieved():
     model = model_of("humanoid")
-    data = bent(model, 4, 0.2)
+    data = random_state(model, 4, 0.2)
     ik = Ik(
         model,
         [_UserTask(returns=hand_distance), PostureTask(target=data.qpos, gain=0.2)],
         active=["root"],
     )
-    assert abs(hand_distance(model, moved(ik, data, 60))[0]) < 1e-9
+    assert abs(hand_distance(model, state_after(ik, data, 60))[0]) < 1e-9
 
 
 ONES = np.ones((1, 7))
@@ -417,7 +417,7 @@ def test_invalid_errors_and_jacobians_of_user_defined_tasks_are_rejected(what, w
 
 
 def test_compatible_tasks_give_the_velocity_of_mink():
-    """Tasks of a humanoid that do not conflict, so that weights do not matter."""
+    """Tasks of the humanoid do not conflict, so that weights do not matter."""
     model = model_of("humanoid")
     data = mujoco.MjData(model)
     targets = {name: pose_of(model, data, name) for name in ("left_foot", "right_foot")}

@@ -1,4 +1,4 @@
-"""Limits hold at every tick for all targets, and positions beyond a limit return."""
+"""Tests that limits hold at every tick for all targets, and that violated ones are restored."""
 
 from collections.abc import Iterable
 from copy import copy
@@ -11,7 +11,7 @@ import pytest
 from fjh.ik import Ik, Limits
 from prioritized import Status
 from sim import Array, Body, Distances, FrameTask, PostureTask, assemble, ranges
-from tests.fjh.ik.models import model_of, moved, run_ticks
+from tests.fjh.ik.models import model_of, run_ticks, state_after
 from tests.robots import TEST_MODELS
 from tests.scenes import arm_among, distances_of
 
@@ -48,7 +48,7 @@ def test_limits_hold_while_the_tool_follows_unreachable_targets(seed):
         ({"both": 0.5}, (0.25, 0.25)),
     ],
 )
-def test_limits_by_name_of_actuators_and_tendons(limits, expected):
+def test_limits_may_be_given_by_name_of_actuators_and_tendons(limits, expected):
     model, task = model_of("xy_table"), FrameTask("top", rows=[3, 4], target=[1.0, 1.0, 0.0])
     ik = Ik(model, [task], Limits(ranges=False, velocity=limits))
     np.testing.assert_allclose(ik.step(mujoco.MjData(model), 1.0), expected)
@@ -80,7 +80,7 @@ TURN_ON = PostureTask(target=[2.0, 0.0, 0.0])
 def test_without_ranges_a_passive_joint_leaves_its_range():
     model = model_of("four_bar")
     ik = Ik(model, [TURN_ON], Limits(ranges=False, velocity=1.0))
-    assert abs(moved(ik, assemble(model), 60, DT).joint("rocker").qpos[0]) > 0.35
+    assert abs(state_after(ik, assemble(model), 60, DT).joint("rocker").qpos[0]) > 0.35
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_a_passive_joint_of_a_loop_stays_in_its_range_and_is_braked_before_it(
 def test_a_loop_that_cannot_return_fast_enough_does_not_exceed_further():
     """The rocker is far beyond its range, and the crank that moves it back is slow."""
     model = copy(model_of("four_bar"))
-    data = moved(Ik(model, [TURN_ON], Limits(velocity=1.0)), assemble(model), 40, DT)
+    data = state_after(Ik(model, [TURN_ON], Limits(velocity=1.0)), assemble(model), 40, DT)
     beyond = abs(data.joint("rocker").qpos[0])
     model.joint("rocker").range[:] = -0.05, 0.05
     ik = Ik(model, [TURN_ON], Limits(velocity=0.05))
@@ -171,9 +171,9 @@ def test_a_tendon_without_an_actuator_and_a_ball_stay_in_their_ranges(accelerati
         mujoco.mju_quat2Vel(turn, data.joint("neck").qpos, 1.0)
         assert 0.2 - 1e-6 < data.ten_length[0] < 0.95 + 1e-6 and np.linalg.norm(turn) < 0.5 + 1e-6
     assert np.linalg.norm(turn) > 0.499
-    reach = np.linalg.norm(tip.target[[0, 2]] - [0.0, 1.2])
+    distance = np.linalg.norm(tip.target[[0, 2]] - [0.0, 1.2])
     remaining = np.linalg.norm(data.site("tip").xpos - tip.target)
-    assert remaining == pytest.approx(max(reach - 0.95, 0.2 - reach), abs=1e-3)
+    assert remaining == pytest.approx(max(distance - 0.95, 0.2 - distance), abs=1e-3)
     text = str(ik.solve(data, DT))
     assert "tendon tether" in text and "joint neck" in text
 
@@ -194,7 +194,7 @@ SCENES = 5
 def chased(
     rng: np.random.Generator, obstacles=12, detection_m=0.1, ticks=40, dt=DT, **limits: Any
 ) -> tuple[float, float]:
-    """Return the distance moved by an arm that keeps its clearances, and its hardest braking."""
+    """Return the motion of an arm that keeps its clearances, and its largest deceleration."""
     model = arm_among(obstacles, rng)
     data, distances = mujoco.MjData(model), Distances(model, None, 0.01, detection_m)
     mujoco.mj_forward(model, data)
@@ -250,7 +250,7 @@ def test_the_distance_to_the_margin_shrinks_by_the_gain_in_every_tick(start_m, g
     data.qpos[0] = 0.9 - start_m
     ik = Ik(model, [FrameTask("tip", rows=[3], target=[9, 0, 0])], Limits(distances=distances))
     for k in range(1, 6):
-        data = moved(ik, data, 1, DT)
+        data = state_after(ik, data, 1, DT)
         expected = (1 - gain) ** k * (start_m - 0.01)
         assert 0.9 - data.qpos[0] - 0.01 == pytest.approx(expected, abs=1e-9)
 
@@ -280,7 +280,7 @@ def test_a_cart_brakes_within_its_limits_and_stops_at_the_margin(scale, dt, dete
 
 @SEEDS
 def test_no_joint_exceeds_its_acceleration_limit_among_obstacles(seed):
-    """Random arms, periods and accelerations; MuJoCo measures the distances."""
+    """Arms, periods and accelerations are random; MuJoCo measures the distances."""
     rng = np.random.default_rng(seed)
     dt, most = 10.0 ** rng.uniform(-2.5, -1.3), rng.uniform(1.0, 10.0)
     moved_rad, braking = chased(rng, 8, 0.05, 60, dt, acceleration=most)

@@ -13,7 +13,7 @@ from pathlib import Path
 import psutil
 from playwright.sync_api import Browser, Locator, Page, ViewportSize, sync_playwright
 
-from tests.processes import started
+from tests.processes import start_python
 
 FLAGS = (
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-sync"),
@@ -77,7 +77,6 @@ class BrowserPage:
             self.page.wait_for_timeout(50)
 
     def make(self, actuator: str, word: str) -> None:
-        """Click a button of an actuator."""
         self.row_of(actuator).get_by_role("button", name=word, exact=True).click()
 
     def row_of(self, label: str) -> Locator:
@@ -86,15 +85,12 @@ class BrowserPage:
         return name.locator("xpath=ancestor::div[.//button or .//input][1]")
 
     def click(self, button: str) -> None:
-        """Click a button."""
         self.page.get_by_role("button", name=button, exact=True).click()
 
     def tick(self, box: str) -> None:
-        """Toggle a checkbox."""
         self.page.get_by_label(box, exact=True).click()
 
     def field(self, slider: str) -> Locator:
-        """Return the number field of a slider."""
         return self.row_of(slider).locator("input[inputmode=decimal]")
 
     def renew(self) -> PageText:
@@ -120,7 +116,7 @@ def browsed() -> Iterator[Browser]:
 
 def live(folder: Path, *arguments: str) -> "subprocess.Popen[str]":
     """Start `fjh live` with these arguments."""
-    return started("-m", "experiments", "live", *arguments, "--out", str(folder))
+    return start_python("-m", "experiments", "live", *arguments, "--out", str(folder))
 
 
 @contextmanager

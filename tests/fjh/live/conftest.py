@@ -8,7 +8,7 @@ from filelock import FileLock
 
 from fjh.live.page import LocalServer, Page
 from tests.fjh.live.browser import free_port
-from tests.fjh.rigs import rig
+from tests.fjh.rigs import shared_rig
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def alone(shared: Path) -> Iterator[None]:
 def served_page(tmp_path_factory) -> Iterator[Page]:
     """Page of the hexapod, with its server in this process."""
     server = LocalServer(free_port())
-    yield Page(server, rig("hexapod"), tmp_path_factory.mktemp("out"), seed=0)
+    yield Page(server, shared_rig("hexapod"), tmp_path_factory.mktemp("out"), seed=0)
     server.stop()
 
 

@@ -13,7 +13,7 @@ from fjh.live.page import PORT
 from fjh.recording.properties import properties_of
 from sim import MODELS
 from tests.fjh.live import browser as pages
-from tests.processes import ended
+from tests.processes import assert_interrupted
 
 pytestmark = [pytest.mark.long, pytest.mark.usefixtures("alone")]
 KINDS = {"weak": "weak", "lock": "locked", "free": "free"}
@@ -25,9 +25,6 @@ HEALTHY = "All actuators are assumed healthy"
 def browser() -> Iterator[Browser]:
     with pages.browsed() as one:
         yield one
-
-
-# The command.
 
 
 def wait_for(holds: Callable[[], bool]) -> None:
@@ -54,10 +51,10 @@ def test_an_interrupted_command_leaves_no_process_and_no_half_written_file(brows
     with pages.served(folder, "--port", str(pages.free_port())) as (process, url):
         page = pages.BrowserPage(browser.new_page(viewport=pages.SMALL), url)
         page.click("Save the last minute")
-        wait_for(lambda: any(folder.glob("*")))  # writing has started
+        wait_for(lambda: any(folder.glob("*")))
         page.page.close()
         process.send_signal(signal.SIGINT)
-        ended(process, signal.SIGINT)
+        assert_interrupted(process, signal.SIGINT)
     assert {each.name for each in folder.glob("*")} <= {"live_1.rrd"}
     for recording in folder.glob("*"):
         assert properties_of(recording)["study"] == "live"
@@ -67,11 +64,8 @@ def test_interruption_before_the_page_is_served_is_one_sentence(tmp_path):
     process = pages.live(tmp_path / "out", "--port", str(pages.free_port()))
     wait_for(lambda: any(pages.listens(process.pid)))
     process.send_signal(signal.SIGINT)
-    ended(process, signal.SIGINT)
+    assert_interrupted(process, signal.SIGINT)
     assert not (tmp_path / "out").exists()
-
-
-# The page.
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Only the served page can use its buttons, and invalid messages have no effect."""
+"""Tests that only the served page can use its buttons, and invalid messages have no effect."""
 
 import socket
 import time
@@ -19,9 +19,9 @@ def connected(page: Page, origin: str | None, host: str = "127.0.0.1") -> Client
     """Connect a client with a stated origin and host."""
     port = page._server.get_port()
     place = socket.create_connection(("127.0.0.1", port))
-    said = None if origin is None else Origin(origin.format(port=port))
+    stated = None if origin is None else Origin(origin.format(port=port))
     known = [Subprotocol(f"viser-v{viser.__version__}")]
-    return connect(f"ws://{host}:{port}", sock=place, origin=said, subprotocols=known)
+    return connect(f"ws://{host}:{port}", sock=place, origin=stated, subprotocols=known)
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_page_of_another_origin_or_name_is_rejected(page, capfd, origin, host):
 def test_served_page_is_accepted(page, host):
     with connected(page, f"http://{host}:{{port}}", host) as client:
         assert client.recv(timeout=10)
-        client.send(b"0" * 100_000)  # it ends the connection, and nothing else
+        client.send(b"0" * 100_000)  # it only ends the connection
         with pytest.raises(ConnectionClosed):
             while True:
                 client.recv(timeout=10)
@@ -66,7 +66,7 @@ def updated(uuid: str, **updates: Any) -> dict[str, Any]:
 
 
 def test_invalid_values_are_rejected_and_values_beyond_a_range_clamped(page, capfd):
-    """Every kind of element gets every kind of invalid value, then a valid click."""
+    """Elements of all kinds get invalid values of all kinds, then a valid click."""
     handles = page._server.gui._gui_input_handle_from_uuid
     group, weight, times = (
         next(uuid for uuid, h in handles.items() if getattr(h, "label", "") == label)

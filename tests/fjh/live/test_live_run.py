@@ -11,17 +11,17 @@ from fjh.live.live_run import LiveRun
 from fjh.rig import Rig, Run
 from fjh.rig.events import Event
 from sim import Failure, Pose
-from tests.fjh.rigs import rig
+from tests.fjh.rigs import shared_rig
 
 SEED = 3
 EVENTS = (("hum", 0.2), ("bump", 0.4), ("sag", 0.45))
 
 
-def simulated(one: Rig, controller: Any, path: np.ndarray, failed: Sequence[Any]) -> LiveRun:
+def simulated(rig: Rig, controller: Any, path: np.ndarray, failed: Sequence[Any]) -> LiveRun:
     """Simulate by clicks, with failures and events between two ticks."""
-    live, period_s = LiveRun(one, controller, len(path), SEED), one.period_s
-    demands = one.feedforward_demands(path)
-    failing = {round(at_s / period_s): (one.number(which), kind) for which, kind, at_s in failed}
+    live, period_s = LiveRun(rig, controller, len(path), SEED), rig.period_s
+    demands = rig.feedforward_demands(path)
+    failing = {round(at_s / period_s): (rig.number(which), kind) for which, kind, at_s in failed}
     starting = {round(at_s / period_s): name for name, at_s in EVENTS}
     for k, reference in enumerate(path):
         if k in failing:
@@ -32,10 +32,10 @@ def simulated(one: Rig, controller: Any, path: np.ndarray, failed: Sequence[Any]
     return live
 
 
-def assert_same(one: Run, other: Run) -> None:
+def assert_same(run: Run, other: Run) -> None:
     """Assert that two runs are equal to the bit, without estimated poses, which are not logged."""
     for field in fields(Run):
-        here, there = getattr(one, field.name), getattr(other, field.name)
+        here, there = getattr(run, field.name), getattr(other, field.name)
         if isinstance(here, np.ndarray):
             np.testing.assert_array_equal(here, there, err_msg=field.name)
         elif isinstance(here, Pose):
@@ -59,21 +59,21 @@ LATER = [(1, "weak", 0.3), (4, "locked", 1.2)]
     ],
 )
 def test_run_by_clicks_equals_planned_run_bit_for_bit(name, controller, failed, duration_s):
-    one = rig(name)
-    controller, path = getattr(one, controller)(), one.path("circle", duration_s=duration_s)
-    failed = [(one.actuators[k], kind, at_s) for k, kind, at_s in failed]
+    rig = shared_rig(name)
+    controller, path = getattr(rig, controller)(), rig.path("circle", duration_s=duration_s)
+    failed = [(rig.actuators[k], kind, at_s) for k, kind, at_s in failed]
     failures, events = [Failure(*each) for each in failed], [Event(*each) for each in EVENTS]
-    planned = one.fly(controller, path, failures=failures, events=events, seed=SEED)
-    assert_same(simulated(one, controller, path, failed).logged_run(0), planned)
+    planned = rig.fly(controller, path, failures=failures, events=events, seed=SEED)
+    assert_same(simulated(rig, controller, path, failed).logged_run(0), planned)
     assert planned.failures and len(planned.events) == len(EVENTS)
 
 
 @pytest.mark.long
 def test_diagnosis_after_a_switch_has_the_time_of_the_run():
     """The supervisor takes over at 0.2 s and learns until 1 s; the lock is at 1.1 s."""
-    one = rig("hexapod")
-    path, controller = one.path("circle", duration_s=1.4), one.supervisor()
-    live = LiveRun(one, one.controller(), len(path), SEED)
+    rig = shared_rig("hexapod")
+    path, controller = rig.path("circle", duration_s=1.4), rig.supervisor()
+    live = LiveRun(rig, rig.controller(), len(path), SEED)
     for k, reference in enumerate(path):
         if k == 200:
             live.switch_controller(controller)

@@ -8,7 +8,7 @@ from fjh.study.errors import WrongInput
 from sim import ModelError, SimulationDiverged
 
 
-def test_clicks_are_carried_out_within_five_ticks(page: Page, monkeypatch):
+def test_clicks_take_effect_within_five_ticks(page: Page, monkeypatch):
     """Clicks come during the simulation, at the first tick of each batch."""
     advance, start_ticks, done = page.session.advance, list[int](), list[int]()
 
@@ -24,7 +24,7 @@ def test_clicks_are_carried_out_within_five_ticks(page: Page, monkeypatch):
 
 
 def test_delay_of_the_clock_is_not_caught_up(page):
-    """No tick is simulated after the time of a frame; a delay of a second is not caught up."""
+    """Simulation ends at the time of a frame; a delay is not caught up in the next one."""
     assert page.advance(1.0, until=-np.inf) == 0.0
     start = page.session.tick
     assert page.advance(0.003, until=np.inf) == pytest.approx(0.003)

@@ -10,14 +10,14 @@ from fjh.live.session import Session
 from fjh.recording.properties import properties_of
 from fjh.study.errors import OutputError
 from tests import rrd
-from tests.fjh.rigs import rig
+from tests.fjh.rigs import shared_rig
 
 
 @pytest.mark.long
 def test_last_minute_is_read_back_from_the_next_recording(tmp_path):
-    """One strut locks and is repaired, another one is weak, and there is a bump."""
-    session, file = Session(rig("hexapod"), seed=4), tmp_path / "live_2.rrd"
-    (tmp_path / "live_1.rrd").touch()  # of another day
+    """The run has a locked and repaired strut, a weak one, and a bump."""
+    session, file = Session(shared_rig("hexapod"), seed=4), tmp_path / "live_2.rrd"
+    (tmp_path / "live_1.rrd").touch()
     session.advance(19)
     session.make(0, "locked")
     session.advance(20)
@@ -38,7 +38,7 @@ def test_last_minute_is_read_back_from_the_next_recording(tmp_path):
     }
     for number, run in enumerate(session.last_minute()):
         times, true = rrd.scalars(file, f"/run_{number}/task/true")
-        ticks = np.rint(times * 1e-9 / rig("hexapod").period_s).astype(int)
+        ticks = np.rint(times * 1e-9 / shared_rig("hexapod").period_s).astype(int)
         assert len(ticks) >= 20
         np.testing.assert_allclose(true, 1e6 * run.true[ticks], rtol=1e-3, atol=1e-6)
     with pytest.raises(OutputError):

@@ -12,7 +12,7 @@ from fjh.live.panel import LASTING
 from fjh.live.reference_path import PATHS
 from fjh.live.session import Session
 from fjh.rig.run import HEALTHY
-from tests.fjh.rigs import rig
+from tests.fjh.rigs import shared_rig
 
 KINDS: tuple[Kind, ...] = get_args(Kind)
 LSB_PERCENT = 100 / 2**15
@@ -22,7 +22,7 @@ LEARNED = 1000
 
 @pytest.fixture
 def session() -> Session:
-    return Session(rig("hexapod"))
+    return Session(shared_rig("hexapod"))
 
 
 def diagnosis(session: Session) -> str:
@@ -54,7 +54,7 @@ def test_every_actuator_of_both_machines_can_have_every_state(session):
 
 def test_actions_undone_between_two_ticks_have_no_effect(session):
     """Events switched on and off twice and repaired failures leave no trace; events can restart."""
-    calm = Session(rig("hexapod"))
+    calm = Session(shared_rig("hexapod"))
     for kind in (*KINDS[1:], KINDS[0]):
         session.make(2, kind)
     for name in LASTING:
@@ -68,7 +68,7 @@ def test_actions_undone_between_two_ticks_have_no_effect(session):
     for name in (*LASTING, "bump"):
         start = session.tick
         session.disturb(name, None if name == "bump" else True)
-        assert session.going_on == {name} - {"bump"}  # which is over by itself
+        assert session.going_on == {name} - {"bump"}  # which ends by itself
         for one in (session, calm):
             one.advance(20)
         session.disturb(name, False)
@@ -80,7 +80,7 @@ def test_actions_undone_between_two_ticks_have_no_effect(session):
 
 def test_weights_change_without_a_step_of_the_inputs(session):
     """Inputs differ from those with former weights by the last bit at first, and later by more."""
-    as_before = Session(rig("hexapod"))
+    as_before = Session(shared_rig("hexapod"))
     for one in (session, as_before):
         one.advance(150)
     session.weigh([8.0, 1.0, 1.0, 8.0, 1.0, 1.0])
@@ -141,23 +141,22 @@ def test_last_minute_is_cut_and_includes_earlier_active_failures(session, monkey
 
 def test_ended_run_simulates_no_more_ticks(monkeypatch):
     monkeypatch.setattr(sessions, "LONGEST_S", 0.05)
-    session = Session(rig("hexapod"))
+    session = Session(shared_rig("hexapod"))
     assert [session.advance(30) for _ in range(3)] == [30, 19, 0]
     assert session.tick == 50 and not any(live.ticks_left for live in session.runs)
     session.restart()
     assert session.advance(10) == 10
 
 
-# What takes seconds of flight.
-
-
 def until(session: Session, holds: Callable[[str], bool], within_s: float) -> float:
     """Simulate until the diagnosis satisfies a condition; return the time [s]."""
     start = session.tick
     while not holds(diagnosis(session)):
-        assert (session.tick - start) * rig("hexapod").period_s < within_s, diagnosis(session)
+        assert (session.tick - start) * shared_rig("hexapod").period_s < within_s, diagnosis(
+            session
+        )
         session.advance(20)
-    return (session.tick - start) * rig("hexapod").period_s
+    return (session.tick - start) * shared_rig("hexapod").period_s
 
 
 @pytest.mark.long

@@ -10,9 +10,9 @@ import fjh
 from fjh.recording.render import DRIVER
 from fjh.rig import Rig, Run
 from sim import MODELS
-from tests.made import keep_made
+from tests.synthetic import write_synthetic_run
 
-# On a person's machine without Mesa's driver there is nothing to look at; in CI that is an error.
+# Without Mesa's driver pictures are empty; in CI that is an error.
 NEEDS_DRIVER = pytest.mark.skipif(
     DRIVER is None and "CI" not in os.environ, reason="Mesa's Vulkan driver is not installed"
 )
@@ -42,5 +42,5 @@ def recorded(tmp_path_factory) -> Recorded:
 def made(tmp_path_factory) -> Path:
     """Folder of a synthetic run of the hexapod."""
     folder = tmp_path_factory.mktemp("made")
-    keep_made(folder)
+    write_synthetic_run(folder)
     return folder

@@ -21,7 +21,7 @@ def test_different_recordings_have_different_identities():
 
 
 def test_error_of_the_writer_leaves_no_file(tmp_path):
-    """Without strict mode, three times with two values are only a warning, without data."""
+    """Three times with two values are only a warning, without data, unless in strict mode."""
     about = RecordingInfo("x", "x", "notes", {"seed": 0})
     nothing = screen(rrb.Horizontal(rrb.TextDocumentView(origin="notes")))
     with (

@@ -14,7 +14,7 @@ from fjh.recording.view import PUBLISHED, view_of
 from fjh.rig.hexapod.columns import hexapod_arrays
 from fjh.study.errors import WrongInput
 from fjh.study.files import write_arrays
-from tests.made import made_run
+from tests.synthetic import synthetic_run
 
 
 def test_run_read_back_has_the_same_view(recorded):
@@ -46,7 +46,7 @@ SHAPE = "must be float64 of shape"
     ],
 )
 def test_invalid_arrays_are_rejected(tmp_path, signal, spoil, message):
-    arrays = hexapod_arrays(made_run())
+    arrays = hexapod_arrays(synthetic_run())
     wrong = {name: spoil(values) for name, values in arrays.items() if signal in ("", name)}
     write_arrays(path := tmp_path / "run.npz", arrays | wrong)
     with pytest.raises(WrongInput, match=re.escape(message)) as error:

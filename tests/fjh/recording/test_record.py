@@ -20,7 +20,7 @@ from fjh.recording.view import Change, view_of
 from fjh.rig import DiagnosedFailure
 from fjh.rig.events import Event
 from tests import rrd
-from tests.made import ABOUT, made_run, made_view
+from tests.synthetic import ABOUT, synthetic_run, synthetic_view
 
 EVERY = 5
 """Ticks per sample of a signal: 200 Hz."""
@@ -139,18 +139,16 @@ print([name for name, value in matplotlib.rcParams.items() if value != before[na
     assert done.stdout == "[]\n"
 
 
-# Results as properties of the recording.
-
 LOCK = Change("strut2", "locked", 0.1)
 
 
 def results(*incidents: Change, diagnoses: Sequence[Change] = (), **about):
-    return results_of(replace(ABOUT, **about), made_view(*incidents, diagnoses=diagnoses))
+    return results_of(replace(ABOUT, **about), synthetic_view(*incidents, diagnoses=diagnoses))
 
 
 def test_the_errors_before_and_after_a_failure_are_those_of_the_whole_run():
     """Sums of squares before and after add up to that of the run, and rows to the total."""
-    entries, error = results(LOCK), made_run().error
+    entries, error = results(LOCK), synthetic_run().error
     former, after = 100 * entries["rms_before_rad"] ** 2, 300 * entries["rms_after_rad"] ** 2
     assert former + after == pytest.approx((error**2).sum())
     both = np.hypot(entries["rms_after_alpha_rad"], entries["rms_after_beta_rad"])
@@ -168,7 +166,7 @@ def test_the_first_failure_is_diagnosed_or_not():
 
 
 def test_rows_of_several_units_have_no_sum():
-    view = made_view()
+    view = synthetic_view()
     view = replace(view, stated=replace(view.stated, row_units=["rad", "m"]))
     names = {name for name in results_of(ABOUT, view) if name.startswith("rms")}
     assert names == {"rms_before_alpha_rad", "rms_before_beta_m"}
@@ -178,10 +176,7 @@ def test_properties_come_back_from_the_recording(made):
     entries = properties_of(made / "made.rrd")
     assert (entries["seed"], entries["study"], entries["checks"]) == (0, "made", "passed")
     assert entries["failures"] == "strut1 locked, known at 0 s"
-    assert entries["rms_after_alpha_rad"] == made_run().rms()[0]
-
-
-# What the studies leave.
+    assert entries["rms_after_alpha_rad"] == synthetic_run().rms()[0]
 
 
 @pytest.mark.long
@@ -195,7 +190,7 @@ def test_every_recording_of_a_study_is_whole_small_and_self_describing(request, 
         entries = properties_of(path)
         assert {"seed", "model_sha256", "version_mujoco", "version_rerun_sdk"} <= set(entries), path
         assert len(RrdReader(path).blueprints()) == 1
-        # Of a mechanism in up to ten conditions; the same flight scatters by 0.3 %.
+        # Recordings have up to ten conditions; sizes of equal runs vary by 0.3 %.
         assert path.stat().st_size < (8e6 if study == "systems" else 3.1e6)
     rerun = shutil.which("rerun", path=str(Path(sys.executable).parent))
     done = subprocess.run(

@@ -15,7 +15,7 @@ from tests.fjh.recording.conftest import NEEDS_DRIVER
 
 
 def at_night(test):
-    """Mark a test of pictures, which runs at night."""
+    """Mark a test of pictures for the night run."""
     for mark in (pytest.mark.long, pytest.mark.night, NEEDS_DRIVER):
         test = mark(test)
     return test
@@ -49,15 +49,15 @@ def viewer():
         ("goals", "stroke", ""),
     ],
 )
-def test_every_view_of_a_recording_shows_something_at_once(viewer, request, study, name, expected):
-    """Each recording opens with its layout and without warnings."""
+def test_every_view_of_a_recording_has_content(viewer, request, study, name, expected):
+    """Recordings open with their layout and without warnings."""
     show(viewer, request.getfixturevalue(f"{study}_folder") / f"{name}.rrd", None)
-    photograph(viewer)  # until it has come to rest, the views may be another recording's
+    photograph(viewer)  # before, views may belong to another recording
     views = viewer.get_state().views
     for view in views:
         image = pixels(viewer.take_screenshot(view.view_id))
         text = view.view_class not in ("TimeSeries", "2D")
-        # A thin straight line across a plot fills twice this share of it.
+        # A thin straight line across a plot covers twice this share.
         assert content(image, text=text) > 2e-4, view.origin
     assert set(expected.split()) <= {view.origin for view in views}
     assert complaints(viewer) == []
@@ -77,9 +77,6 @@ def test_render_makes_a_picture_of_the_requested_size_and_time(refused, made, tm
     assert main(["render", path, "--time", "0.3", "--size", "800x600", "--out", str(out)]) == 0
     image = pixels(out.read_bytes())
     assert image.shape == (600, 800, 3) and content(image) > 0.01
-
-
-# A viewer that dies or gives no answer. It is a stand-in, so no driver is needed.
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from experiments.app.cli import main
 from fjh.recording.review import check_stated, names_of
 from fjh.study.errors import WrongInput
 from tests import rrd
-from tests.made import keep_made, made_run, made_view
+from tests.synthetic import synthetic_run, synthetic_view, write_synthetic_run
 
 
 def test_reviewed_runs_equal_their_data_in_the_given_order(recorded, tmp_path):
@@ -19,12 +19,12 @@ def test_reviewed_runs_equal_their_data_in_the_given_order(recorded, tmp_path):
     places = [tmp_path / "one", tmp_path / "other", recorded.file.with_suffix(".npz")]
     for folder in places[:2]:
         folder.mkdir()
-        keep_made(folder, locked=folder.name == "one")
+        write_synthetic_run(folder, locked=folder.name == "one")
     review = tmp_path / "review.rrd"
     assert main(["review", *map(str, places), "--out", str(review)]) == 0
     rows = rrd.notes(review).partition("| --- |")[2].splitlines()
     assert [row.split(" | ")[0] for row in rows[1:4]] == ["| one", "| other", "| new"]
-    for k, run in enumerate((made_run(), made_run(), recorded.run)):
+    for k, run in enumerate((synthetic_run(), synthetic_run(), recorded.run)):
         times, error = rrd.scalars(review, f"/run_{k}/task/error")
         np.testing.assert_array_equal(error, 1e6 * (run.desired - run.true)[::5])  # 200 Hz
         np.testing.assert_array_equal(times, np.rint(1e9 * run.time_s[::5]))
@@ -54,26 +54,20 @@ def test_data_without_a_recording_can_be_reviewed(made, tmp_path):
     assert "| bare |" in rrd.notes(out)
 
 
-# JSON beside a run.
-
-
 @pytest.mark.parametrize("alpha", [0.0, 1e300, -1.0, float("nan"), None, "1", [1.0]])
 def test_json_that_contradicts_the_data_is_rejected(alpha):
     content = {"made.json": {"runs": [{"data": "made.npz", "alpha_rms_urad": alpha}]}}
     with pytest.raises(WrongInput, match=r"made\.json states alpha_rms_urad = .* whose data give"):
-        check_stated("made.npz", made_view(), content)
+        check_stated("made.npz", synthetic_view(), content)
 
 
 @pytest.mark.parametrize("place", [".", "made.npz"])
 def test_review_compares_json_with_the_data(capfd, made, tmp_path, place):
     folder, out = Path(shutil.copytree(made, tmp_path / "runs")), tmp_path / "new" / "review.rrd"
-    rms_urad = 1e6 * made_run().rms()[0]
+    rms_urad = 1e6 * synthetic_run().rms()[0]
     for stated, code in ((2 * rms_urad, 2), (rms_urad, 0)):
         rows = [{"data": "other.npz"}, {"data": "made.npz", "alpha_rms_urad": stated}]
         (folder / "made.json").write_text(json.dumps({"columns": rows}))
         assert main(["review", str(folder / place), "--out", str(out)]) == code
         assert ("made.json states alpha_rms_urad" in capfd.readouterr().err) == bool(code)
         assert out.exists() != bool(code)
-
-
-# What the studies leave.

@@ -30,12 +30,10 @@ class LQG:
         self.L, _, _ = control.dlqe(self.A, self.B, self.C, *noise)
 
     def start(self) -> LQGState:
-        """Return the state at rest."""
         s, n = self.B.shape
         return LQGState(np.zeros(n), np.zeros(len(self.C)), np.zeros(s))
 
     def step(self, state: LQGState, reference: Any, measurement: Any) -> LQGState:
-        """Return the next state."""
         u = self.drives.inputs(-self.K @ np.concatenate([state.plant, state.integral]))
         x = self.A @ state.plant + self.B @ self.drives.displacements(u)
         x = x + self.L @ (measurement.output - self.C @ state.plant)

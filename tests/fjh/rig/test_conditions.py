@@ -26,7 +26,7 @@ from tests.random_systems import SEEDS, systems
 
 @given(SEEDS, st.integers(1, 3), st.booleans())
 def test_a_classification_equals_that_of_the_failed_mechanism(seed, directions, springs):
-    """Random loops of four actuators, two of them equal, and two passive joints."""
+    """Systems are random loops of four actuators, two of them equal, and two passive joints."""
     rng = np.random.default_rng(seed)
     J_T, J_C = rng.normal(size=(4, 6)), rng.normal(size=(1, 6))
     J_T[:, 1], J_C[:, 1] = J_T[:, 0], J_C[:, 0]

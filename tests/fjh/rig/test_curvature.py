@@ -47,8 +47,8 @@ def variant(name: str, goal: Goal = GOALS[SCALED_COLUMN]) -> StrutMapping:
     return StrutMapping(machine(), goal, jacobian, form=form)
 
 
-def off(name: str, path: np.ndarray, goal: Goal = GOALS[SCALED_COLUMN]) -> float:
-    """Distance from the optimum in percent, on the geometry alone."""
+def excess(name: str, path: np.ndarray, goal: Goal = GOALS[SCALED_COLUMN]) -> float:
+    """Return the distance from the optimum in percent, from the geometry alone."""
     return extra_percent(machine(), goal, follow(variant(name, goal), path))
 
 
@@ -82,16 +82,17 @@ def test_the_optimum_is_what_a_general_optimizer_finds(name):
 @pytest.mark.long
 def test_the_error_of_a_constant_jacobian_grows_quadratically():
     """A spiral ten times as large has a hundred times the error, ten times the relative one."""
-    small, large = (off("constant", circle(radius)) for radius in (1e-4, 1e-3))
+    small, large = (excess("constant", circle(radius)) for radius in (1e-4, 1e-3))
     assert large / small == pytest.approx(10, rel=0.05)
 
 
 def test_one_gauss_newton_step_a_tick_stays_at_the_optimum():
     """The present Jacobian does so for the least |l| as well: then L = J_m(x)^T lambda."""
     path = circle(1e-2)[::20]
-    assert off("relinearized", path) < 1e-4 * min(off("constant", path), off("analytic", path))
+    others = excess("constant", path), excess("analytic", path)
+    assert excess("relinearized", path) < 1e-4 * min(others)
     own = GOALS["W_a"]
-    assert off("analytic", path, own) < 1e-4 * off("constant", path, own)
+    assert excess("analytic", path, own) < 1e-4 * excess("constant", path, own)
 
 
 @pytest.mark.long
@@ -116,7 +117,7 @@ def test_incremental_displacements_drift_by_the_area_that_is_encircled(name):
 
 
 def test_all_forms_are_equal_with_a_constant_jacobian():
-    """Without relinearization one step is exact up to the square of the tilt."""
+    """A single step without relinearization is exact up to the square of the tilt."""
     goal, pointing = GOALS["W_e"], np.array([3e-5, -2e-5])
     absolute = StrutMapping(machine(), goal, "constant")
     gauss_newton = StrutMapping(machine(), goal, "constant", form="gauss_newton")
@@ -141,7 +142,7 @@ def test_the_loop_gain_error_is_the_slope_of_pointing_by_command():
     ahead, behind = (forward_kinematics(machine(), strut_m + each) for each in (step, -step))
     slope = (pointing_angles(ahead.rotation) - pointing_angles(behind.rotation)) / 2e-7
     error = np.linalg.norm(slope.T - np.eye(2), 2)
-    # The rates of the two angles are those of the twist but for the tilt itself, squared.
+    # Rates of the two angles are those of the twist up to the tilt squared.
     assert loop_gain_error(constant, strut_m) == pytest.approx(error, rel=0.2)
     assert loop_gain_error(constant, np.zeros((1, 6))) < 1e-12
 
@@ -156,9 +157,6 @@ def test_a_scaled_machine_differs_only_in_strokes_and_coils():
     plant.step(0.01 * np.eye(6)[0], 1.0)
     assert plant.displacements()[0] == pytest.approx(0.01, rel=0.01)
     assert model.jnt_range[model.actuator_trnid[0, 0], 1] < 1e-3  # the original is unchanged
-
-
-# The study.
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Named events: each changes the machine as documented, from its time on and not before."""
+"""Tests of named events: each changes the machine as documented, from its time on."""
 
 from collections.abc import Callable, Sequence
 from copy import copy
@@ -17,7 +17,7 @@ from fjh.rig.events.hooks import events_of
 from fjh.study.errors import WrongInput
 from sim import Failure
 from sim.plant import Reading
-from tests.fjh.rigs import path_of, rig, rig_of
+from tests.fjh.rigs import path_of, rig_of, shared_rig
 
 ONSET = 30
 SUPPLY = {name for name, kind in EVENTS.items() if kind.of == "supply"}
@@ -40,21 +40,19 @@ class Blind:
     tick: int = 0
 
     def start(self) -> "Blind":
-        """Return the initial state, without input."""
         return self
 
     def step(self, state: "Blind", *_: Any) -> "Blind":
-        """Return the next state, which does not depend on measurements."""
         phase = 2 * np.pi * self.hz * 1e-3 * state.tick + np.arange(len(self.inputs))
         return replace(state, inputs=self.peak * np.cos(phase), tick=state.tick + 1)
 
 
-def run_blind(one: Rig, events: object = None, ticks=160, hz=10.0, peak=None, **how: Any) -> Run:
+def run_blind(rig: Rig, events: object = None, ticks=160, hz=10.0, peak=None, **how: Any) -> Run:
     """Simulate a run at a thirtieth of the full input, without feedback."""
     if peak is None:
-        peak = 3.0 if one.title.startswith("University") else 0.7 * one.size
-    blind = Blind(np.zeros(len(one.actuators)), peak, hz)
-    return one.fly(blind, np.zeros((ticks, len(one.major))), events=events, **how)
+        peak = 3.0 if rig.title.startswith("University") else 0.7 * rig.size
+    blind = Blind(np.zeros(len(rig.actuators)), peak, hz)
+    return rig.fly(blind, np.zeros((ticks, len(rig.major))), events=events, **how)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +62,7 @@ def gantry() -> Rig:
 
 @cache
 def of_one_event(name: str | None) -> Run:
-    return run_blind(rig("hexapod"), None if name is None else [event(name)])
+    return run_blind(shared_rig("hexapod"), None if name is None else [event(name)])
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -83,7 +81,7 @@ def forces(events: Sequence[str], ticks: int) -> np.ndarray:
     """Return the forces of all coils under constant inputs, (ticks - 1, 6)."""
     logged: list[np.ndarray] = []
     log = SimpleNamespace(plant=lambda tick, model, data: logged.append(data.actuator_force.copy()))
-    run_blind(rig("hexapod"), [*map(event, events), log], ticks=ticks, hz=0.0)
+    run_blind(shared_rig("hexapod"), [*map(event, events), log], ticks=ticks, hz=0.0)
     return np.array(logged[1:])
 
 
@@ -97,11 +95,11 @@ def test_an_event_has_an_effect_from_its_time_on_and_not_before(name, quiet):
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["arm", "hand", "platform", "arms"])
 def test_every_robot_supports_each_event_or_states_a_reason(name):
-    one = rig(name, crossover=0.7)
-    without = run_blind(one, ticks=60)
+    rig = shared_rig(name, crossover=0.7)
+    without = run_blind(rig, ticks=60)
     for each in EVENTS:
         try:
-            run = run_blind(one, [Event(each, 5e-3, 3 if each in OF_ONE else None)], ticks=60)
+            run = run_blind(rig, [Event(each, 5e-3, 3 if each in OF_ONE else None)], ticks=60)
         except WrongInput as rejection:
             assert each == "spring_lost" and str(rejection).endswith("has no spring of its own")
             continue
@@ -111,23 +109,23 @@ def test_every_robot_supports_each_event_or_states_a_reason(name):
 
 @pytest.mark.parametrize("name", ["locked", "free", "weak", "loose"])
 def test_a_failure_is_the_same_as_an_event(name):
-    as_failure = run_blind(rig("hexapod"), failures=[Failure(2, name, ONSET * 1e-3)])
+    as_failure = run_blind(shared_rig("hexapod"), failures=[Failure(2, name, ONSET * 1e-3)])
     assert not differ(of_one_event(name), as_failure).size
     assert of_one_event(name).failures == as_failure.failures
 
 
 def test_events_change_one_input_as_documented_and_within_range():
-    one, k = rig("hexapod"), 2
+    rig, k = shared_rig("hexapod"), 2
     tick, dip = np.arange(400), np.full(6, 3.0)
 
     def sent(name: str, inputs: np.ndarray) -> np.ndarray:
-        hook: Any = events_of(one, [event(name, 0.0)])[0]
+        hook: Any = events_of(rig, [event(name, 0.0)])[0]
         return np.array([hook.sent(at, one_of)[k] for at, one_of in zip(tick, inputs, strict=True)])
 
     wave = np.outer(np.cos(0.1 * tick), dip)
     np.testing.assert_array_equal(sent("stuck_input", wave), 3.0)
     np.testing.assert_array_equal(sent("reversed", wave), -wave[:, k])
-    per_m = 100.0 / one.travel[1][k]
+    per_m = 100.0 / rig.travel[1][k]
     offset = sent("offset", 0 * wave)
     np.testing.assert_allclose(np.abs(offset), per_m * 50e-6, rtol=0.01)  # 50 um
     drift = np.diff(np.abs(sent("drift", 0 * wave))) / 1e-3 / per_m
@@ -142,14 +140,14 @@ def test_events_change_one_input_as_documented_and_within_range():
 
 
 def test_a_released_lock_is_fixed_until_it_opens(quiet):
-    at = run_blind(rig("hexapod"), [event("lock_released")], ticks=260).displacement[:, 2]
+    at = run_blind(shared_rig("hexapod"), [event("lock_released")], ticks=260).displacement[:, 2]
     moved = np.ptp(at[ONSET + 2 : ONSET + 100]), np.ptp(at[ONSET + 110 :])
     assert moved[0] < 0.02 * moved[1]
     assert moved[1] == pytest.approx(np.ptp(quiet.displacement[:, 2]), rel=0.3)
 
 
 def test_a_coil_has_the_documented_fraction_of_its_force():
-    """Before and after the event as well: the force depends on the current alone."""
+    """The force depends on the current alone, also before and after the event."""
     tick = np.arange(420)
     started, since = tick >= ONSET, np.maximum(tick - ONSET, 0)
     parts = {
@@ -167,21 +165,21 @@ def test_a_coil_has_the_documented_fraction_of_its_force():
         expected, struts = full[: ticks - 1].copy(), slice(None) if name in SUPPLY else slice(2, 3)
         expected[:, struts] *= part[: ticks - 1, None]
         measured = forces([name], ticks)
-        if name == "spring_lost":  # the coils of the others carry what it leaves
+        if name == "spring_lost":  # the coils of the others bear the rest
             measured, expected = measured[:, struts], expected[:, struts]
         np.testing.assert_allclose(measured, expected, rtol=1e-12, err_msg=name)
 
 
 def test_two_actuators_lock_at_once_and_a_lock_comes_after_a_bump():
-    _, both = events_of(rig("hexapod"), [Event("two_locked", 0.2)], seed=4)
+    _, both = events_of(shared_rig("hexapod"), [Event("two_locked", 0.2)], seed=4)
     assert [(each.kind, each.time_s) for each in both] == 2 * [("locked", 0.2)]
     assert both[0].number != both[1].number
-    _, [after] = events_of(rig("hexapod"), [Event("bump_then_lock", 0.2, "strut3")])
+    _, [after] = events_of(shared_rig("hexapod"), [Event("bump_then_lock", 0.2, "strut3")])
     assert (after.number, after.kind, after.time_s) == (2, "locked", pytest.approx(0.6))
 
 
 def test_a_bump_gives_the_load_its_impulse(gantry):
-    """Before a soft servo reacts, m v is force times time: 5/54 of the weight for 5 ms."""
+    """The impulse m v is force times time before a servo reacts: 5/54 of the weight for 5 ms."""
     run = run_blind(gantry, [Event("bump", 0.02)], ticks=26, peak=0.0)
     momentum = MASS_KG * np.diff(run.displacement, axis=0)[-1] / gantry.period_s
     assert np.linalg.norm(momentum) == pytest.approx(5 / 54 * 3.0 * 9.81 * 5e-3, rel=0.1)
@@ -229,7 +227,7 @@ def test_on_a_vibrating_floor_each_axis_responds_as_an_oscillator(gantry):
 
 
 def test_a_heavier_load_accelerates_less(gantry):
-    """Only z carries the load: its acceleration at a step of the input is kp u / m."""
+    """The acceleration of z, which alone carries the load, at a step of the input is kp u / m."""
     without, *changed = (
         run_blind(gantry, [Event(name, 0.0)], ticks=4, hz=0.0, peak=1e-3).displacement[1, 2]
         for name in ("noisy", "heavier", "lighter")
@@ -249,23 +247,23 @@ def test_an_actuator_below_its_dry_friction_is_stationary(gantry):
 
 
 def test_ten_times_the_damping_needs_ten_times_the_force(gantry):
-    """Only the servo's damper damps z: its force at a given speed."""
+    """The servo's damper alone damps z: its force at a given speed."""
     changed = copy(gantry.model)
     hook: Any = events_of(gantry, [event("damped", 0.0)])[0]
     hook.plant(0, changed, mujoco.MjData(changed))
     drag = []
-    for one in (gantry.model, changed):
-        data = mujoco.MjData(one)
+    for model in (gantry.model, changed):
+        data = mujoco.MjData(model)
         data.qvel[2] = 0.1
-        mujoco.mj_forward(one, data)
+        mujoco.mj_forward(model, data)
         drag.append(data.qfrc_actuator[2] + data.qfrc_passive[2])
     assert drag[1] == pytest.approx(10 * drag[0], rel=1e-12)
 
 
 def read(name: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the readings from an event on and without it, in standard deviations."""
-    run, quiet, noise = of_one_event(name), of_one_event(None), rig("hexapod").noise
-    np.testing.assert_array_equal(run.qpos, quiet.qpos)  # a sensor moves nothing
+    run, quiet, noise = of_one_event(name), of_one_event(None), shared_rig("hexapod").noise
+    np.testing.assert_array_equal(run.qpos, quiet.qpos)  # a sensor has no effect
     return run.measured[ONSET:] / noise, quiet.measured[ONSET:] / noise
 
 
@@ -310,18 +308,18 @@ def test_samples_are_frozen_late_repeated_or_missing():
 
 
 def test_times_count_from_the_first_tick_of_the_path():
-    one, reading = rig("hexapod"), Reading(np.ones(2), np.ones(6))
+    rig, reading = shared_rig("hexapod"), Reading(np.ones(2), np.ones(6))
     for time_s, first in ((5.03, 70), (5.0301, 71), (5.0, 0), (3.0, 0)):
-        hook: Any = events_of(one, [Event("silent", time_s)], begin_s=5.0, lead_in_s=0.04)[0]
+        hook: Any = events_of(rig, [Event("silent", time_s)], begin_s=5.0, lead_in_s=0.04)[0]
         read = [hook.measured(tick, reading).output[0] for tick in range(80)]
         assert np.flatnonzero(np.array(read) == 0.0)[0] == first
 
 
 def test_random_sizes_depend_on_the_seed_and_not_on_other_events():
-    one, push, hum = rig("hexapod"), Event("push", 0.03), Event("hum", 0.03)
+    rig, push, hum = shared_rig("hexapod"), Event("push", 0.03), Event("hum", 0.03)
     cases = [(None, 0), ([push], 0), ([hum, push], 0), ([push, push], 0), ([push], 1)]
     none, alone, both, twice, other = (
-        run_blind(one, events, ticks=60, seed=seed) for events, seed in cases
+        run_blind(rig, events, ticks=60, seed=seed) for events, seed in cases
     )
     np.testing.assert_array_equal(alone.qpos, both.qpos)
     assert not np.array_equal(alone.qpos, other.qpos)
@@ -333,9 +331,9 @@ def test_random_sizes_depend_on_the_seed_and_not_on_other_events():
 @pytest.mark.parametrize("name", ["hexapod", "arm"])
 def test_inputs_changed_in_place_do_not_affect_the_controller(name):
     def inputs_with(sent: Callable[[int, np.ndarray], np.ndarray]) -> np.ndarray:
-        one = rig(name)
-        return one.fly(
-            one.controller(), path_of(name, 0.1), events=SimpleNamespace(sent=sent)
+        rig = shared_rig(name)
+        return rig.fly(
+            rig.controller(), path_of(name, 0.1), events=SimpleNamespace(sent=sent)
         ).inputs
 
     in_place = inputs_with(lambda tick, inputs: np.multiply(inputs, 1.01, out=inputs))

@@ -35,7 +35,7 @@ def test_the_jacobian_of_the_model_is_eq_39_signs_included(model):
     assert np.linalg.cond(kin.J) == pytest.approx(paper.CONDITION_NUMBER, abs=0.005)
     A = hexapod(model).inverse_jacobian(NOMINAL)
     np.testing.assert_allclose(A @ kin.J, np.eye(6), atol=1e-12)
-    # The paper's Diag[10, 10, 1, 1] must fall on the translations across the line of sight.
+    # The paper's Diag[10, 10, 1, 1] weights translations across the line of sight.
     assert [*MAJOR, *SECONDARY] == [0, 1, 3, 4, 5, 2]
 
 
@@ -62,7 +62,7 @@ def test_commanded_displacements_point_at_the_demand(model, locked):
     assert all(command[k] == 0.0 for k in locked)
     lengths = command + [locked.get(k, 0.0) for k in range(6)]
     np.testing.assert_allclose(machine.displacements(pose), lengths, atol=1e-12)
-    # J(x) l against the true x: the difference is of second order in the displacement.
+    # J(x) l differs from the true x by second order in the displacement.
     scale = np.abs(lengths).max()
     np.testing.assert_allclose(pointing_angles(pose.rotation), target, atol=50 * scale**2 + 1e-9)
     less, more = (
@@ -112,7 +112,7 @@ def test_a_saturated_detector_reads_its_edge_and_no_noise():
 
 
 def test_the_gauges_have_the_stated_noise():
-    """Independent and unbiased: 20000 samples give the standard deviation to a percent."""
+    """Samples are independent and unbiased; 20000 give the standard deviation to a percent."""
     true_m, rng = np.linspace(-1e-5, 1e-5, 6), np.random.default_rng(0)
     gauges = StrutSensors(noise_m=5e-8)
     errors = np.array([gauges.read(true_m, rng) for _ in range(20000)]) - true_m
@@ -177,7 +177,7 @@ def test_a_strut_at_its_limit_rests_there_with_the_stated_current(model, amplifi
         current_a = plant.coil_force_n()[strut] / amplifier.newton_per_a
         stated_a = (2 * side - 1) * min(most_a, amplifier.limit_a)
         assert plant.displacements()[strut] == pytest.approx(limit_m, rel=2e-3)
-        # Half a step of the converter; a whole one at the upper end of its codes.
+        # The error is half a step of the converter, one step at its upper end.
         step_a = amplifier.full_input_a / 2 ** (amplifier.bits - 1)
         assert current_a == pytest.approx(stated_a, abs=1.01 * step_a)
 
@@ -207,8 +207,8 @@ def machine() -> Hexapod:
     st.sampled_from([(0.0, 0.03), (0.05, 2e-3)]),
     st.sampled_from([(), (1,), (5,), (2, 3), (0,)]),
 )
-def test_the_pose_gives_back_the_lengths_it_was_found_from(seed, spreads_m, shape):
-    """Lengths 7 % away, fifty times the paper's stroke, or other nodes."""
+def test_the_pose_has_the_lengths_that_it_was_computed_from(seed, spreads_m, shape):
+    """Lengths differ by 7 %, fifty times the paper's stroke, or nodes are moved."""
     rng, (moved_m, range_m) = np.random.default_rng(seed), spreads_m
     bottom_m, top_m = rng.uniform(-moved_m, moved_m, (2, 6, 3))
     other = Hexapod(bottom_m=machine().bottom_m + bottom_m, top_m=machine().top_m + top_m)
@@ -221,7 +221,7 @@ def test_the_pose_gives_back_the_lengths_it_was_found_from(seed, spreads_m, shap
 
 
 @given(SEEDS)
-def test_the_lengths_of_a_pose_give_back_the_pose(seed):
+def test_a_pose_is_recovered_from_its_lengths(seed):
     """A set of lengths has one pose in the range of the assembled machine."""
     twist = np.random.default_rng(seed).uniform(-1, 1, (4, 6)) * np.repeat([0.05, 0.02], 3)
     there = NOMINAL.moved(twist)
@@ -255,7 +255,7 @@ def test_the_pose_equals_that_of_the_physics(model):
 
 @pytest.mark.parametrize("target", [[2.0, 0, 0, 0, 0, 0], 6 * [-0.41], 3 * [-0.38, 0.5]])
 def test_unreachable_lengths_are_rejected_and_the_others_solved(target):
-    """Longer than the other struts permit, shorter than zero, and both."""
+    """Lengths are longer than the other struts permit, negative, or both."""
     many = np.zeros((4, 6))
     many[2] = target
     with pytest.raises(UnreachableLengths, match=r"displacements_m: .*1 of 4 sets of") as rejection:
@@ -271,7 +271,7 @@ def test_lengths_beyond_the_range_of_floats_are_rejected():
 
 
 def test_a_singular_start_does_not_stop_a_batch():
-    """A strut of zero length; all six struts in one plane, where the Jacobian has no inverse."""
+    """Starts have a strut of zero length, or all six in one plane, with a singular Jacobian."""
     on_its_node = machine().bottom_m[0] - machine().top_m[0]
     both = Pose(np.stack([np.eye(3)] * 2), np.stack([on_its_node, np.zeros(3)]))
     with pytest.raises(UnreachableLengths) as rejection:
@@ -285,7 +285,7 @@ def test_a_singular_start_does_not_stop_a_batch():
 
 @pytest.mark.parametrize("turn", np.linspace(0.0, 2.0, 9))
 def test_a_payload_turned_by_a_right_angle_is_singular(turn):
-    """Fichter, "A Stewart platform-based manipulator" (1986): elimination leaves round-off."""
+    """The singularity is that of Fichter (1986), A Stewart platform-based manipulator."""
     angle = turn + np.radians([10, 110, 130, 230, 250, 350])
     bottom_m = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     top_m = 0.5 * bottom_m @ np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]]) + np.eye(3)[2]

@@ -26,7 +26,7 @@ from fjh.rig.robot_machine import SIZES, RobotMachine
 from fjh.study.errors import WrongInput
 from sim import Array, Bench, Failure, Mechanism, ModelError, Plant, linearize, load_model
 from sim.plant import JointSensors, TaskSensor
-from tests.fjh.rigs import ARM, ROWS, readings, rig
+from tests.fjh.rigs import ARM, ROWS, readings, shared_rig
 from tests.robots import TEST_MODELS
 
 EVERYTHING = {"hexapod": replace(hexapod.ALL, hysteresis=0.0), "driven": ROBOTS}
@@ -42,10 +42,11 @@ def driven() -> Robot:
     return robot_of(TEST_MODELS / "driven.xml", RobotOptions(noise=1e-5), settle=False)
 
 
-def off(name: str, sizes: Mismatch, seed: int) -> dict[str, np.ndarray]:
+def sampled_sizes(name: str, sizes: Mismatch, seed: int) -> dict[str, np.ndarray]:
     """Return relative differences of a plant's model from the nominal one by sampled size."""
     if name == "hexapod":
-        known, other = rig(name).model, rig(name).with_mismatch(sizes, seed).machine.model
+        nominal = shared_rig(name)
+        known, other = nominal.model, nominal.with_mismatch(sizes, seed).machine.model
     else:
         known, streams = driven().model, RandomStreams(seed, sizes.family)
         other, _ = sampled_model(known, driven().nominal_plant.drives, sizes, streams)
@@ -70,7 +71,7 @@ def off(name: str, sizes: Mismatch, seed: int) -> dict[str, np.ndarray]:
 
 @cache
 def many(machine: str) -> list[dict[str, np.ndarray]]:
-    return [off(machine, EVERYTHING[machine], seed) for seed in range(40)]
+    return [sampled_sizes(machine, EVERYTHING[machine], seed) for seed in range(40)]
 
 
 @pytest.mark.parametrize(
@@ -84,7 +85,7 @@ def test_a_size_fills_its_range_and_is_sampled_independently_of_others(machine, 
     assert kstest(samples.ravel() / size, "uniform", (-1, 2)).pvalue > 1e-3
     assert abs(np.corrcoef(samples[:, 0], samples[:, 1])[0, 1]) < 0.5
     for seed in (3, 7):
-        result = off(machine, alone(everything, name), seed)
+        result = sampled_sizes(machine, alone(everything, name), seed)
         np.testing.assert_allclose(result.pop(name), samples[seed], rtol=0, atol=1e-14)
         for other in result.values():
             assert np.abs(other).max() < 1e-12
@@ -93,7 +94,7 @@ def test_a_size_fills_its_range_and_is_sampled_independently_of_others(machine, 
 def test_drifts_lie_in_their_ranges_and_in_all_directions():
     everything = hexapod.ALL
     differences = [
-        rig("hexapod").with_mismatch(everything, seed).machine.differs for seed in range(60)
+        shared_rig("hexapod").with_mismatch(everything, seed).machine.differs for seed in range(60)
     ]
     zero = 1e6 * np.array([each.drift_rad_per_s for each in differences])
     assert np.hypot(*zero.T).max() <= everything.drift_urad_per_s
@@ -104,11 +105,11 @@ def test_drifts_lie_in_their_ranges_and_in_all_directions():
     assert slips.min() >= hexapod.SLIP_M[0] and slips.max() <= hexapod.SLIP_M[1]
 
 
-def excited(one: Rig) -> np.ndarray:
+def excited(rig: Rig) -> np.ndarray:
     """Return the readings of a plant under steps for 60 ticks."""
-    bench, steps = one.bench(np.arange(60) * one.period_s, [], 5), np.repeat([0.0, 1.0], [20, 40])
-    peak = 1.0 if one.title.startswith("University") else 1e-3
-    return readings(bench, peak * np.outer(steps, np.arange(len(one.actuators))))
+    bench, steps = rig.bench(np.arange(60) * rig.period_s, [], 5), np.repeat([0.0, 1.0], [20, 40])
+    peak = 1.0 if rig.title.startswith("University") else 1e-3
+    return readings(bench, peak * np.outer(steps, np.arange(len(rig.actuators))))
 
 
 @pytest.mark.parametrize(
@@ -116,18 +117,18 @@ def excited(one: Rig) -> np.ndarray:
     [*(("hexapod", name) for name in hexapod.SIZES), *(("arm", name) for name in SIZES)],
 )
 def test_every_size_alone_changes_the_readings_and_a_seed_repeats_them(robot, name):
-    one = rig(robot)
-    plant_rig = one.with_mismatch(alone(one.machine.everything, name), 5)
+    rig = shared_rig(robot)
+    plant_rig = rig.with_mismatch(alone(rig.machine.everything, name), 5)
     other, again = excited(plant_rig), excited(plant_rig)
-    assert not np.array_equal(excited(one), other)
+    assert not np.array_equal(excited(rig), other)
     np.testing.assert_array_equal(again, other)
 
 
 @pytest.mark.parametrize("name", ["hexapod", "arm"])
 def test_a_mismatch_changes_the_plant_alone(name):
-    one, plant_rig = rig(name, "all"), rig(name).with_mismatch("all", 3)
-    np.testing.assert_array_equal(excited(one), excited(plant_rig))
-    np.testing.assert_array_equal(plant_rig.nominal.plant.A, rig(name).nominal.plant.A)
+    rig, plant_rig = shared_rig(name, "all"), shared_rig(name).with_mismatch("all", 3)
+    np.testing.assert_array_equal(excited(rig), excited(plant_rig))
+    np.testing.assert_array_equal(plant_rig.nominal.plant.A, shared_rig(name).nominal.plant.A)
 
 
 def test_scaling_multiplies_all_sizes():
@@ -142,9 +143,9 @@ def test_scaling_multiplies_all_sizes():
 
 
 def test_an_inapplicable_size_is_rejected_by_name():
-    for name in rig("arm").machine.unknown:
+    for name in shared_rig("arm").machine.unknown:
         with pytest.raises(WrongInput, match=f"no mismatch of {name}, got 0.001"):
-            rig("arm").with_mismatch(replace(EXACT, **{name: 1e-3}), 0)
+            shared_rig("arm").with_mismatch(replace(EXACT, **{name: 1e-3}), 0)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -164,8 +165,8 @@ def test_the_controls_are_those_of_the_controllers_model(seed):
         driven().model, driven().nominal_plant.drives, gain, RandomStreams(seed, "uniform")
     )[1]
     assert ratio[0] == pytest.approx(gains[0], abs=1e-4)  # a coil moves by its gain
-    assert ratio[1] == pytest.approx(1.0, abs=1e-4)  # a servo reaches its target whatever its gain
-    assert abs(ratio[2] - 1) < abs(gains[2] - 1)  # one against a spring, in part
+    assert ratio[1] == pytest.approx(1.0, abs=1e-4)  # a servo reaches its target for any gain
+    assert abs(ratio[2] - 1) < abs(gains[2] - 1)  # one acts partly against a spring
 
 
 STEPS = np.outer(np.repeat([0.0, 1e-3], [20, 80]), np.arange(7.0))
@@ -173,8 +174,8 @@ STEPS = np.outer(np.repeat([0.0, 1e-3], [20, 80]), np.arange(7.0))
 
 def simulated(mismatch: Mismatch, sense: Any = "task", seed: int = 3) -> tuple[Bench, np.ndarray]:
     """Simulate the arm under steps for a tenth of a second; return bench and readings."""
-    one = rig("arm", sense=sense, crossover=0.7, noise=1e-5).with_mismatch(mismatch, seed)
-    bench = one.bench(np.arange(100) * 1e-3, [], seed)
+    rig = shared_rig("arm", sense=sense, crossover=0.7, noise=1e-5).with_mismatch(mismatch, seed)
+    bench = rig.bench(np.arange(100) * 1e-3, [], seed)
     return bench, readings(bench, STEPS)
 
 
@@ -206,7 +207,7 @@ def test_zeros_of_sensors_drift_and_the_task_from_encoders_with_them(sense):
     if sense == "joints":
         mechanism = Mechanism(load_model(ARM, add_locks=True))
         J = mechanism.jacobians(mechanism.nominal).J_T[:2]
-        ramp, expected = ramp[:20], (ramp * (J @ encoders[-1]))[:20]  # before the steps turn it
+        ramp, expected = ramp[:20], (ramp * (J @ encoders[-1]))[:20]
         np.testing.assert_allclose(task[:20], expected, rtol=2e-3, atol=1e-9)
     else:
         np.testing.assert_allclose(task, ramp * task[-1], atol=1e-15)
@@ -217,14 +218,14 @@ STILL = dict.fromkeys(("floor_um_per_s", "hysteresis", "drift_urad_per_s", "gain
 
 
 @pytest.fixture(scope="module")
-def one() -> Rig:
-    return rig("hexapod")
+def rig() -> Rig:
+    return shared_rig("hexapod")
 
 
-def commanded(one: Rig, commands: Array):
+def commanded(rig: Rig, commands: Array):
     """Return the bench after commanded displacements (N, 6), and the detector's readings."""
-    bench = one.bench(np.arange(len(commands)) * PERIOD_S, [], 0)
-    return bench, readings(bench, one.control.testbed.amplifier().inputs(commands))[:, :2]
+    bench = rig.bench(np.arange(len(commands)) * PERIOD_S, [], 0)
+    return bench, readings(bench, rig.control.testbed.amplifier().inputs(commands))[:, :2]
 
 
 def response(A: Array, B: Array, C: Array, inputs: Array) -> Array:
@@ -236,7 +237,7 @@ def response(A: Array, B: Array, C: Array, inputs: Array) -> Array:
 
 def test_a_machine_without_suspensions_has_no_hexapod_mismatch():
     with pytest.raises(ModelError, match="needs struts with suspension springs"):
-        hexapod.sampled_differences(rig("arm").model, EXACT, 0)
+        hexapod.sampled_differences(shared_rig("arm").model, EXACT, 0)
 
 
 def test_a_plant_without_mismatch_is_the_model_to_the_last_bit():
@@ -245,59 +246,59 @@ def test_a_plant_without_mismatch_is_the_model_to_the_last_bit():
     machine = replace(plain.machine, differs=hexapod.sampled_differences(plain.model, EXACT, 5))
     failures, path = [Failure(2, "weak", 0.05), Failure(0, "locked", 0.1)], TestbedConfig()
     run, exact = (
-        one.fly(one.controller(), path.spiral_rad(0.15), failures=failures, lead_in_s=0.05)
-        for one in (plain, replace(plain, machine=machine))
+        rig.fly(rig.controller(), path.spiral_rad(0.15), failures=failures, lead_in_s=0.05)
+        for rig in (plain, replace(plain, machine=machine))
     )
     for name in ("true", "measured", "inputs", "displacement", "qpos", "closure_m", "saturated"):
         np.testing.assert_array_equal(getattr(run, name), getattr(exact, name))
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_a_sampled_plant_moves_as_its_linear_model_one_tick_late(one, seed):
-    """Mismatch of all kinds, after the converters' hold, with fine integrator steps."""
-    plant_rig = one.with_mismatch(replace(hexapod.ALL, **STILL, timestep_s=6.25e-5), seed)
+def test_a_sampled_plant_moves_as_its_linear_model_one_tick_late(rig, seed):
+    """The plant has mismatch of all kinds, converters with hold, and fine integrator steps."""
+    plant_rig = rig.with_mismatch(replace(hexapod.ALL, **STILL, timestep_s=6.25e-5), seed)
     commands = 1e-5 * np.repeat(np.random.default_rng(seed).normal(size=(10, 6)), 30, axis=0)
     bench, _ = commanded(plant_rig, commands)
     linear = linearize(plant_rig.machine.model, Plant(plant_rig.machine.model).data)
     late = np.vstack([np.zeros((1, 6)), commands[:-1]])
     predicted = response(linear.A, linear.B, linear.C_active, late)
-    # Besides the quantization the error is the integrator's, below 1 % of the modes.
+    # The error of quantization and integrator is below 1 % of the modes.
     off = np.abs(bench.displacement - predicted)
     assert off.max() < 0.01 * np.abs(bench.displacement).max()
 
 
-def test_the_payload_rests_at_its_nominal_pose_for_any_springs(one):
+def test_the_payload_rests_at_its_nominal_pose_for_any_springs(rig):
     for seed in range(3):
-        plant = Plant(one.with_mismatch(hexapod.ALL, seed).machine.model)
+        plant = Plant(rig.with_mismatch(hexapod.ALL, seed).machine.model)
         plant.settle(1.0)
-        assert np.abs(plant.displacement()).max() < 1e-8  # the closures give by as much
+        assert np.abs(plant.displacement()).max() < 1e-8  # the closures deviate by as much
 
 
-def test_the_drift_of_the_detectors_zero_changes_only_the_readings(one):
+def test_the_drift_of_the_detectors_zero_changes_only_the_readings(rig):
     plant_rig, commands = (
-        one.with_mismatch(hexapod.ALONE["drift_urad_per_s"].scaled(100), 1),
+        rig.with_mismatch(hexapod.ALONE["drift_urad_per_s"].scaled(100), 1),
         np.zeros((50, 6)),
     )
-    (_, plain), (_, adrift) = commanded(one, commands), commanded(plant_rig, commands)
+    (_, plain), (_, adrift) = commanded(rig, commands), commanded(plant_rig, commands)
     ramp = np.outer(np.arange(50) * PERIOD_S, plant_rig.machine.differs.drift_rad_per_s)
     np.testing.assert_allclose(adrift - plain, ramp, atol=1e-18)
 
 
-def test_a_gain_that_drifts_grows_with_time_from_the_start(one):
+def test_a_gain_that_drifts_grows_with_time_from_the_start(rig):
     """Displacements under constant commands, after the modes have decayed."""
-    plant_rig = one.with_mismatch(hexapod.ALONE["gain_drift_per_s"].scaled(100), 1)
+    plant_rig = rig.with_mismatch(hexapod.ALONE["gain_drift_per_s"].scaled(100), 1)
     commands = np.full((800, 6), 1e-4)
-    (plain, _), (adrift, _) = commanded(one, commands), commanded(plant_rig, commands)
+    (plain, _), (adrift, _) = commanded(rig, commands), commanded(plant_rig, commands)
     change = (adrift.displacement / plain.displacement)[500:] - 1
     time_s = np.arange(500, 800) * PERIOD_S
     expected = np.outer(time_s, plant_rig.machine.differs.gain_drift_per_s)
     np.testing.assert_allclose(change, expected, atol=0.02 * np.abs(expected).max())
 
 
-def test_the_floor_moves_the_payload_as_in_the_linear_model(one):
+def test_the_floor_moves_the_payload_as_in_the_linear_model(rig):
     """Pointing without control is that of B_floor under the same floor motion."""
-    linear = linearize(one.model, Plant(one.model).data)
-    plant_rig = one.with_mismatch(hexapod.ALONE["floor_um_per_s"], 2)
+    linear = linearize(rig.model, Plant(rig.model).data)
+    plant_rig = rig.with_mismatch(hexapod.ALONE["floor_um_per_s"], 2)
     bench, _ = commanded(plant_rig, np.zeros((600, 6)))
     expected = response(
         linear.A, linear.B_floor, linear.C_twist[MAJOR], plant_rig.machine.floor(600)
@@ -307,7 +308,7 @@ def test_the_floor_moves_the_payload_as_in_the_linear_model(one):
     assert np.sqrt((error**2).mean()) < 0.04 * np.sqrt((expected**2).mean())
 
 
-def test_hysteresis_balances_its_chain_along_a_complete_loop(one):
+def test_hysteresis_balances_its_chain_along_a_complete_loop(rig):
     """Forces of coil, spring and chain balance under a slow triangle of commands."""
     fine = hexapod_rig(nominal_testbed(TestbedConfig(dac_bits=32)))
     plant_rig = fine.with_mismatch(hexapod.ALONE["hysteresis"].scaled(10), 1)
@@ -318,8 +319,8 @@ def test_hysteresis_balances_its_chain_along_a_complete_loop(one):
     for by in np.diff(bench.displacement, axis=0, prepend=bench.displacement[:1]):
         stretch = slip.moved(stretch, by)
         chain.append(slip.force(stretch))
-    k = one.model.jnt_stiffness[one.model.actuator_trnid[:, 0]]
+    k = rig.model.jnt_stiffness[rig.model.actuator_trnid[:, 0]]
     missing = k * commands - 0.9 * k * bench.displacement + np.array(chain)
-    # What is missing is inertia, damping and the flexures, all small at this speed.
+    # Inertia, damping and flexures are neglected, as they are small at this speed.
     assert np.abs(missing).max() < 0.05 * np.abs(k * commands).max()
     assert np.abs(np.array(chain)).max() > 0.03 * np.abs(k * commands).max()

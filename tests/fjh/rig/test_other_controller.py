@@ -21,7 +21,7 @@ from fjh.rig.hexapod.testbed import TestbedConfig
 from fjh.rig.other_controller import controller_factory, simulate_with
 from fjh.study.errors import WrongInput
 from ftc import Goal, Measurement, run_loop
-from tests.fjh.rigs import rig
+from tests.fjh.rigs import shared_rig
 from tests.pages import blocks
 from tests.rrd import scalars
 
@@ -90,7 +90,7 @@ def test_a_users_module_does_not_hide_an_installed_one(tmp_path, monkeypatch):
 def test_the_task_describes_the_machine_without_failures():
     """DC gain of the linear model against the Jacobian: flexures take 0.3 % of the motion."""
     known = Goal(secondary_weight=(1.0,) * 4, locked_at={0: 0.0})
-    task = pursuing(rig("hexapod"), known).task
+    task = pursuing(shared_rig("hexapod"), known).task
     gain = -task.nominal.plant.C @ np.linalg.solve(task.nominal.plant.A, task.nominal.plant.B)
     np.testing.assert_allclose(gain, task.major_jacobian, atol=4e-3 * np.abs(gain).max())
     assert task.goal == known and np.array_equal(task.limits[0], -task.limits[1])
@@ -101,7 +101,7 @@ def test_the_task_describes_the_machine_without_failures():
 def test_the_examples_reach_a_constant_reference_without_error(name, locked):
     """Integral action on the linear plant: zero on average, since the converters quantize."""
     goal = Goal(locked_at=dict.fromkeys(locked, 0.0))
-    task = pursuing(rig("hexapod"), goal).task
+    task = pursuing(shared_rig("hexapod"), goal).task
     plant = control.c2d(task.nominal.plant, task.period_s, "zoh")
 
     class Machine:
@@ -122,9 +122,9 @@ def test_the_examples_reach_a_constant_reference_without_error(name, locked):
 def test_another_controller_gets_the_same_noise():
     """Measured minus true angle at each tick is equal up to the angles' round-off."""
     path = TestbedConfig().spiral_rad(SHORT_S)
-    one = rig("hexapod")
-    reference = one.fly(one.controller(), path, seed=3)
-    other_run, failure = simulate_with(one, "page_examples:PseudoInverse", path, seed=3)
+    rig = shared_rig("hexapod")
+    reference = rig.fly(rig.controller(), path, seed=3)
+    other_run, failure = simulate_with(rig, "page_examples:PseudoInverse", path, seed=3)
     assert failure is None
     own, other = reference.measured - reference.true, other_run.measured - other_run.true
     assert own.std() > 2e-7
@@ -134,7 +134,7 @@ def test_another_controller_gets_the_same_noise():
 @pytest.mark.long
 @pytest.mark.night
 def test_table1_includes_another_controller_and_fails_if_its_run_fails(folder, tmp_path):
-    """Table I over 0.6 s, with a controller that fails in one of its columns."""
+    """Table I runs for 0.6 s with a controller that fails in one of its columns."""
     out = tmp_path / "out"
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(CONFIGURATIONS, "calibrated", TestbedConfig(quick_duration_s=SHORT_S))
@@ -162,7 +162,7 @@ def test_table1_includes_another_controller_and_fails_if_its_run_fails(folder, t
         np.testing.assert_allclose(stated, np.sqrt((off_urad**2).mean(axis=0)), rtol=1e-12)
         assert f"{stated[0]:.4f}" in page
         assert len(scalars(out / column["recording"], "/task/true")[0]) > 0
-    with np.load(out / "Broken_W_d.npz") as data:  # as last sent
+    with np.load(out / "Broken_W_d.npz") as data:  # as sent last
         inputs = data["strut_input_percent"]
     assert np.ptp(inputs[:50], axis=0).max() > 0 and not np.ptp(inputs[49:], axis=0).any()
     columns, further = (pd.DataFrame(summary[name]) for name in ("columns", "further_runs"))

@@ -18,8 +18,8 @@ from ftc import Goal, OracleController
 from sim import Failure
 from sim.mjcf import drives
 from tests.arms import ARMS
-from tests.fjh.rigs import ARM, path_of, readings, rig, rig_of
-from tests.models import model
+from tests.fjh.rigs import ARM, path_of, readings, rig_of, shared_rig
+from tests.models import model_of
 
 BOTH = pytest.mark.parametrize("name", ["hexapod", "arm"])
 EQUAL = (1.0,) * 6
@@ -27,18 +27,18 @@ EQUAL = (1.0,) * 6
 
 @BOTH
 def test_an_actuator_fails_by_its_name_or_its_number(name):
-    one, path = rig(name), path_of(name, 0.4)
-    joint = one.actuators[2]
+    rig, path = shared_rig(name), path_of(name, 0.4)
+    joint = rig.actuators[2]
     first, *others = (
-        one.fly(one.controller(), path, failures=[Failure(which, "locked", 0.3)])
-        for which in (2, joint, one.aliases[2][0])
+        rig.fly(rig.controller(), path, failures=[Failure(which, "locked", 0.3)])
+        for which in (2, joint, rig.aliases[2][0])
     )
     for run in others:
         np.testing.assert_array_equal(run.true, first.true)
-    stands = first.displacement[round(0.3 / one.period_s) :, 2]
+    stands = first.displacement[round(0.3 / rig.period_s) :, 2]
     assert np.ptp(stands) < 0.02 * np.ptp(first.displacement[:, 2])
     with pytest.raises(WrongInput, match=rf'no actuator or joint "{joint}x"; did you mean'):
-        one.fly(one.controller(), path, failures=[Failure(f"{joint}x", "free", 0.1)])
+        rig.fly(rig.controller(), path, failures=[Failure(f"{joint}x", "free", 0.1)])
 
 
 @pytest.mark.parametrize(("major", "rows"), [(["ry", 5], (1, 5)), ("z,x", (5, 3))])
@@ -48,13 +48,13 @@ def test_rows_are_called_by_name_or_by_number(major, rows):
 
 @pytest.mark.long
 def test_both_rigs_of_the_hexapod_treat_a_free_strut_equally():
-    """Both rigs count the strut as locked by its spring, and the task as possible."""
+    """The strut counts as locked by its spring, and the task as possible, in both rigs."""
     failures = [Failure("strut1", "free", 1.2)]  # the diagnosis learns until 0.8 s
     for name in ("hexapod", "fjh"):
-        one = rig(name)
-        assert one.unused == "locked"
-        run = one.fly(one.supervisor("none"), path_of(name, 1.6), failures=failures)
-        first = one.actuators[0]  # the file calls its coil1
+        rig = shared_rig(name)
+        assert rig.unused == "locked"
+        run = rig.fly(rig.supervisor("none"), path_of(name, 1.6), failures=failures)
+        first = rig.actuators[0]  # the name in the file is coil1
         assert run.diagnoses[0].actuator == first and not run.task_lost
         assert f"{first} was identified as free at" in run.status
 
@@ -65,58 +65,62 @@ def test_feedforward_through_the_inverse_reduces_the_error(name):
     options = {} if name == "hexapod" else {"crossover": 0.7}
     rms = {}
     for feedforward in (True, False):
-        one = rig(name, feedforward=feedforward, **options)
-        path = one.path("circle", duration_s=0.6)
-        run = one.fly(one.controller(), path)
+        rig = shared_rig(name, feedforward=feedforward, **options)
+        path = rig.path("circle", duration_s=0.6)
+        run = rig.fly(rig.controller(), path)
         rms[feedforward] = np.linalg.norm(run.rms())
-        predicted = one.predict(path, noise=run.measured - run.true)
+        predicted = rig.predict(path, noise=run.measured - run.true)
         assert rms[feedforward] == pytest.approx(np.linalg.norm(predicted.rms_before), rel=0.05)
     assert rms[True] < 0.05 * rms[False]  # the remaining error is noise
 
 
 def test_every_controller_demands_the_path_through_the_inverse():
     """Supervisor and oracle act as a plain controller without failures."""
-    one, path = rig("arm"), path_of("arm", 0.1)
-    control = one.controller()
-    plain = one.fly(control, path).inputs
-    for each in (one.supervisor("none"), OracleController(control, control, None)):
-        np.testing.assert_array_equal(one.fly(each, path).inputs, plain)
-    assert one.feedforward_demands(path) is not None
-    assert rig("hexapod").feedforward_demands(path) is None  # as in the paper
+    rig, path = shared_rig("arm"), path_of("arm", 0.1)
+    control = rig.controller()
+    plain = rig.fly(control, path).inputs
+    for each in (rig.supervisor("none"), OracleController(control, control, None)):
+        np.testing.assert_array_equal(rig.fly(each, path).inputs, plain)
+    assert rig.feedforward_demands(path) is not None
+    assert shared_rig("hexapod").feedforward_demands(path) is None  # as in the paper
 
 
 def test_a_mapping_changes_at_the_given_time():
-    one, path, known = rig("hexapod"), path_of("hexapod", 0.1), Goal(EQUAL, locked_at={0: 0.0})
-    before, changing = one.controller(Goal(EQUAL)), one.reconfigured(Goal(EQUAL), known, 0.05)
-    sent, plain = (one.fly(each, path).inputs for each in (changing, before))
+    rig, path, known = (
+        shared_rig("hexapod"),
+        path_of("hexapod", 0.1),
+        Goal(EQUAL, locked_at={0: 0.0}),
+    )
+    before, changing = rig.controller(Goal(EQUAL)), rig.reconfigured(Goal(EQUAL), known, 0.05)
+    sent, plain = (rig.fly(each, path).inputs for each in (changing, before))
     assert np.flatnonzero((sent != plain).any(axis=1))[0] == 50
 
 
 def test_a_robot_starts_at_the_given_positions():
     start = np.array([0.1, 0.5, 0.2, -1.2, 0.1, 0.6, 0.0])
-    one = Rig.of_mjcf(ARM, major=[3, 4, 5], start=start, crossover=0.7)
-    np.testing.assert_allclose(one.fly(one.controller(), np.zeros((2, 3))).qpos[0], start)
+    rig = Rig.of_mjcf(ARM, major=[3, 4, 5], start=start, crossover=0.7)
+    np.testing.assert_allclose(rig.fly(rig.controller(), np.zeros((2, 3))).qpos[0], start)
 
 
 def test_a_robot_among_other_objects_moves_as_predicted():
     """The finger follows on its spring, the cup rests: both are only in the physics."""
-    one = rig_of("arm_and_cup", site="tool", major=(3, 5), joint_weight=(1.0, 4.0))
-    assert one.actuators == ("m1", "m2") and one.goal.joint_weight == (1.0, 4.0)
-    assert one.left_out == ("finger", "cup") and "finger, cup" in one.warnings[0]
-    path = one.path("circle", duration_s=1.0)
-    run = one.fly(one.controller(), path)
-    expected = one.predict(path, noise=run.measured - run.true).rms_before
+    rig = rig_of("arm_and_cup", site="tool", major=(3, 5), joint_weight=(1.0, 4.0))
+    assert rig.actuators == ("m1", "m2") and rig.goal.joint_weight == (1.0, 4.0)
+    assert rig.left_out == ("finger", "cup") and "finger, cup" in rig.warnings[0]
+    path = rig.path("circle", duration_s=1.0)
+    run = rig.fly(rig.controller(), path)
+    expected = rig.predict(path, noise=run.measured - run.true).rms_before
     np.testing.assert_allclose(run.rms(), expected, rtol=0.05)
-    cup = one.model.joint(one.model.body("cup").jntadr[0]).qposadr[0]
+    cup = rig.model.joint(rig.model.body("cup").jntadr[0]).qposadr[0]
     assert np.ptp(run.qpos[:, cup : cup + 3], axis=0).max() < 1e-4
 
 
 @pytest.mark.long
 def test_a_finger_on_one_cable_moves_as_its_springs_determine():
     """Springs determine the ratio of two joints that one cable moves."""
-    one = rig_of("finger", site="tip", major=(5,))
-    run = one.fly(one.controller(), one.path("circle", duration_s=2.0))
-    assert run.rms() < 2e-3 * one.size
+    rig = rig_of("finger", site="tip", major=(5,))
+    run = rig.fly(rig.controller(), rig.path("circle", duration_s=2.0))
+    assert run.rms() < 2e-3 * rig.size
 
 
 @pytest.mark.long
@@ -125,29 +129,29 @@ def test_an_arm_tracks_within_two_percent_with_its_own_servos(name, tmp_path):
     """Servos lag by 0.1 to 0.2 s: 19 to 33 % of the path if the path itself is demanded."""
     file = ARMS[name].write(tmp_path / f"{name}.xml")
     for noise in (None, 1e-12):
-        one = Rig.of_mjcf(file, site="tool", major=[3, 4, 5], noise=noise)
-        path = one.path("circle", duration_s=4.0)
-        run = one.fly(one.controller(), path)
+        rig = Rig.of_mjcf(file, site="tool", major=[3, 4, 5], noise=noise)
+        path = rig.path("circle", duration_s=4.0)
+        run = rig.fly(rig.controller(), path)
         error = np.sqrt(((run.desired - run.true) ** 2).sum(axis=1).mean())
-        predicted = one.predict(path, noise=run.measured - run.true)
-        assert error < 0.005 * one.size  # the goal is 0.02
+        predicted = rig.predict(path, noise=run.measured - run.true)
+        assert error < 0.005 * rig.size  # the goal is 0.02
         assert error == pytest.approx(np.linalg.norm(predicted.rms_before), rel=0.1)
 
 
 @cache
 def controller_of(name: str, made: str) -> Any:
-    return getattr(rig(name), made)()
+    return getattr(shared_rig(name), made)()
 
 
 def pickled(thing: Any) -> Any:
     return pickle.loads(pickle.dumps(thing))
 
 
-def simulated(one: Rig, controller: Any, actuator: int = 0) -> Run:
+def simulated(rig: Rig, controller: Any, actuator: int = 0) -> Run:
     """Simulate a run with an actuator that is weak from the start and locks halfway."""
-    path = one.path("circle", duration_s=0.1, turn_s=0.1)
+    path = rig.path("circle", duration_s=0.1, turn_s=0.1)
     failures = [Failure(actuator, "weak"), Failure(actuator, "locked", 0.05)]
-    return one.fly(controller, path, failures=failures, seed=actuator)
+    return rig.fly(controller, path, failures=failures, seed=actuator)
 
 
 def assert_same(run: Run, other: Run) -> None:
@@ -162,10 +166,10 @@ def assert_same(run: Run, other: Run) -> None:
 )
 @pytest.mark.parametrize("copied", [pickled, pytest.param(deepcopy, marks=pytest.mark.long)])
 def test_a_copy_gives_the_same_run_to_the_bit(copied, name, made):
-    """Copies of the rig, the controller, both at once, and of a run with its state."""
-    one, control = rig(name), controller_of(name, made)
-    run, both = simulated(one, control), copied((one, control))
-    for a_rig, a_controller in (both, (copied(one), control), (one, copied(control))):
+    """Copies are of the rig, the controller, both at once, and a run with its state."""
+    rig, control = shared_rig(name), controller_of(name, made)
+    run, both = simulated(rig, control), copied((rig, control))
+    for a_rig, a_controller in (both, (copied(rig), control), (rig, copied(control))):
         assert_same(run, simulated(a_rig, a_controller))
     assert_same(run, copied(run))
 
@@ -174,10 +178,10 @@ def test_a_copy_gives_the_same_run_to_the_bit(copied, name, made):
 @BOTH
 def test_a_machine_copied_during_a_run_continues_unchanged(copied, name):
     """Copies share nothing: failures, physics and noise are independent."""
-    one = rig(name, "all")
-    time_s, n = np.arange(40) * one.period_s, len(one.actuators)
+    rig = shared_rig(name, "all")
+    time_s, n = np.arange(40) * rig.period_s, len(rig.actuators)
     inputs = 1e-3 * np.sin(np.add.outer(0.5 * np.arange(40), np.arange(n)))
-    bench = one.bench(time_s, [Failure(0, "weak", 0.0), Failure(1, "locked", 0.03)], 5)
+    bench = rig.bench(time_s, [Failure(0, "weak", 0.0), Failure(1, "locked", 0.03)], 5)
     readings(bench, inputs[:20])
     copies = copied(bench), copied(bench)
     for each in (copies[0], bench, copies[1]):
@@ -193,11 +197,11 @@ def test_a_machine_copied_during_a_run_continues_unchanged(copied, name):
 @pytest.mark.usefixtures("switching")
 @pytest.mark.parametrize("name", ["arm", "hand", "hexapod"])
 def test_threads_that_share_a_rig_and_a_controller_give_equal_runs(name):
-    one, control, actuators = rig(name), controller_of(name, "supervisor"), [0, 1, 0, 1]
+    rig, control, actuators = shared_rig(name), controller_of(name, "supervisor"), [0, 1, 0, 1]
     with ThreadPoolExecutor(4) as pool:
-        runs = pool.map(lambda actuator: simulated(one, control, actuator), actuators)
+        runs = pool.map(lambda actuator: simulated(rig, control, actuator), actuators)
         for actuator, run in zip(actuators, list(runs), strict=True):
-            assert_same(run, simulated(one, control, actuator))
+            assert_same(run, simulated(rig, control, actuator))
 
 
 @given(rows=st.lists(st.tuples(st.sampled_from(["rad", "m"]), st.floats(-1, 1)), min_size=1))
@@ -221,11 +225,12 @@ def test_a_number_is_read_back_from_its_unit_with_three_digits(size, sign):
 
 @pytest.mark.parametrize("name", ["limited", "gantry"])
 def test_rotary_actuators_move_by_angles_and_linear_ones_by_lengths(name):
-    """A hinge, a slide, a tendon over both, a ball joint; a tendon of hinges, a rope, a rail."""
+    """Actuators are on hinges, slides, ball joints, and tendons over these."""
     units = {"limited": ["rad", "m", "m", "rad"], "gantry": ["rad", "m", "m"]}
-    units_of_drives = [drive.unit for drive in drives(model(name))]
+    units_of_drives = [drive.unit for drive in drives(model_of(name))]
     assert units_of_drives[: len(units[name])] == units[name]
 
 
 def test_the_hexapod_moves_by_lengths_and_points_by_angles():
-    assert set(rig("hexapod").units) == {"m"} and set(rig("hexapod").row_units) == {"rad"}
+    rig = shared_rig("hexapod")
+    assert set(rig.units) == {"m"} and set(rig.row_units) == {"rad"}

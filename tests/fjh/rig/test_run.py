@@ -13,11 +13,10 @@ from fjh.rig import Rig, Run
 from ftc import GuardedController, OracleController
 from sim import Failure
 from sim.mjcf import drives
-from tests.fjh.rigs import rig, rig_of
+from tests.fjh.rigs import rig_of, shared_rig
 
 ONSET, TICKS = 900, 1150
-"""Onset of the failure, after the diagnosis has learned the plant for 800 ticks, and length of a
-run."""
+"""Ticks of the onset, after 800 for the diagnosis to learn the plant, and of a whole run."""
 UNKNOWN = np.full(2, np.nan)
 
 Change = Callable[[int, Any, Any], Any]
@@ -30,7 +29,6 @@ class Sensors:
         self.change, self.last = change, None
 
     def measured(self, tick: int, reading: Any) -> Any:
-        """Return the changed reading, as an `events` hook of a rig."""
         changed = reading if tick < ONSET else self.change(tick - ONSET, reading, self.last)
         self.last = reading if changed is None else changed
         return changed
@@ -61,14 +59,14 @@ CHANGES: dict[str, Change] = {
 
 @cache
 def simulated(name: str, what: str, sense: Any = "both", kind: str = "supervisor") -> Run:
-    one = rig(name, "all") if name == "hexapod" else rig(name, sense=sense)
-    path = one.path("circle", duration_s=TICKS * one.period_s, turn_s=0.5)
-    inner = one.controller()
+    rig = shared_rig(name, "all") if name == "hexapod" else shared_rig(name, sense=sense)
+    path = rig.path("circle", duration_s=TICKS * rig.period_s, turn_s=0.5)
+    inner = rig.controller()
     controllers = {
-        "supervisor": lambda: one.supervisor("default" if name == "hexapod" else "none"),
-        "guarded": lambda: GuardedController("my:own", lambda task: inner, one.task),
+        "supervisor": lambda: rig.supervisor("default" if name == "hexapod" else "none"),
+        "guarded": lambda: GuardedController("my:own", lambda task: inner, rig.task),
     }
-    return one.fly(controllers[kind](), path, events=Sensors(CHANGES[what]), seed=1)
+    return rig.fly(controllers[kind](), path, events=Sensors(CHANGES[what]), seed=1)
 
 
 def error(run: Run) -> np.ndarray:
@@ -109,11 +107,11 @@ def test_without_readings_the_commands_are_held(what, kind):
 )
 def test_occasional_missing_readings_cost_little_and_raise_no_alarm(what):
     run, healthy = simulated("hexapod", what), simulated("hexapod", "none")
-    if what == "50 ms":  # and then as without
+    if what == "50 ms":
         np.testing.assert_allclose(error(run)[-50:], error(healthy)[-50:], atol=3e-6)
     elif what == "one NaN":
         assert (run.inputs[ONSET] == run.inputs[ONSET - 1]).all()
-        assert abs(rms(run) - rms(healthy)) < rig("hexapod").noise
+        assert abs(rms(run) - rms(healthy)) < shared_rig("hexapod").noise
     else:
         assert rms(run) < 1.2 * rms(healthy)
     assert not run.state.monitor_state.alarm_ticks and not run.diagnoses
@@ -148,37 +146,36 @@ def test_failed_encoders_do_not_affect_a_controller_without_them():
 @pytest.mark.long
 def test_a_healthy_robot_with_dry_friction_raises_no_alarm():
     """The residuals are tested from 0.8 s on."""
-    one = rig_of("rubbing_arm", major=(3, 5))
-    run = one.fly(one.supervisor(None), one.path("circle", duration_s=2.0, turn_s=1.0))
+    rig = rig_of("rubbing_arm", major=(3, 5))
+    run = rig.fly(rig.supervisor(None), rig.path("circle", duration_s=2.0, turn_s=1.0))
     assert not run.diagnoses
-    assert any("dry friction of shoulder, elbow, belt" in each for each in one.warnings)
+    assert any("dry friction of shoulder, elbow, belt" in each for each in rig.warnings)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("actuator", ["shoulder", "elbow"])
 def test_a_weak_servo_under_load_costs_no_more_than_without_diagnosis(actuator):
     """The servo sags by its load, then follows its commands: doubling them would be wrong."""
-    one, onset_s = rig_of("three_links", major=(5,)), 1.1
-    path, weak = one.path("circle", duration_s=2.1), [Failure(actuator, "weak", onset_s, 0.5)]
+    rig, onset_s = rig_of("three_links", major=(5,)), 1.1
+    path, weak = rig.path("circle", duration_s=2.1), [Failure(actuator, "weak", onset_s, 0.5)]
     run, nothing_done = (
-        one.fly(each, path, failures=weak) for each in (one.supervisor(), one.controller())
+        rig.fly(each, path, failures=weak) for each in (rig.supervisor(), rig.controller())
     )
     assert [(each.actuator, each.kind) for each in run.diagnoses] == [(actuator, "weak")]
-    since = round(onset_s / one.period_s)
+    since = round(onset_s / rig.period_s)
     assert rms(run, since) <= 1.1 * rms(nothing_done, since)
 
 
 class Strength:
     """Event that sets one actuator's force to given fractions at given times [s]."""
 
-    def __init__(self, one: Rig, which: int, parts: dict[float, float]) -> None:
-        among = None if one.part is None else one.part.actuators
-        self.ids = list(drives(one.model, among=among)[which].ids)
-        self.parts = {round(at_s / one.period_s): part for at_s, part in parts.items()}
+    def __init__(self, rig: Rig, which: int, parts: dict[float, float]) -> None:
+        among = None if rig.part is None else rig.part.actuators
+        self.ids = list(drives(rig.model, among=among)[which].ids)
+        self.parts = {round(at_s / rig.period_s): part for at_s, part in parts.items()}
         self.now = 1.0
 
     def plant(self, tick: int, model: Any, data: mujoco.MjData) -> None:
-        """Change the plant's model at these times."""
         part = self.parts.get(tick, self.now)
         for parameters in (model.actuator_gainprm, model.actuator_biasprm):
             parameters[self.ids, :3] *= part / self.now
@@ -201,16 +198,16 @@ PARTS = [{1.2: 0.5, 2.3: 2.0}, {1.2: 0.5, 1.6: 2.0}, {1.2: 0.5, 2.2: 1.0}, {1.2:
 )
 def test_a_varying_loss_of_force_costs_no_more_than_without_diagnosis(name, parts):
     """The force recovers in part or beyond its value, before or after the diagnosis is certain."""
-    one = rig(name, crossover=0.7) if name == "arm" else rig(name)
-    one = one.with_mismatch("all", 4)
-    path = one.path("circle", duration_s=3.2, turn_s=1.5)
-    diagnosing, inner = one.supervisor(), one.controller()
+    rig = shared_rig(name, crossover=0.7) if name == "arm" else shared_rig(name)
+    rig = rig.with_mismatch("all", 4)
+    path = rig.path("circle", duration_s=3.2, turn_s=1.5)
+    diagnosing, inner = rig.supervisor(), rig.controller()
     uninformed = OracleController(inner, inner, None, secondary=diagnosing.secondary)
     with_diagnosis, without_diagnosis = (
-        one.fly(each, path, events=Strength(one, 1, parts)) for each in (diagnosing, uninformed)
+        rig.fly(each, path, events=Strength(rig, 1, parts)) for each in (diagnosing, uninformed)
     )
     for since_s in parts:
         error, bound = (
-            rms(run, round(since_s / one.period_s)) for run in (with_diagnosis, without_diagnosis)
+            rms(run, round(since_s / rig.period_s)) for run in (with_diagnosis, without_diagnosis)
         )
-        assert error < max(1.05 * bound, bound + one.noise)
+        assert error < max(1.05 * bound, bound + rig.noise)

@@ -17,7 +17,7 @@ from fjh.recording.file import RecordingInfo, log_series, recording_file, screen
 from fjh.study import provenance
 from fjh.study.errors import OutputError
 from fjh.study.files import published, write_arrays, write_index, write_json
-from tests.made import keep_made
+from tests.synthetic import write_synthetic_run
 
 BYTES = 512
 """Largest file size [bytes] on the simulated full disk."""
@@ -47,7 +47,7 @@ def test_a_run_replaces_what_the_same_command_wrote_and_nothing_else(tmp_path):
 @pytest.mark.parametrize(
     "old", ["no JSON", "[]", '{"files": [3, null]}', '{"files": ["../mine.txt", "below", "", "."]}']
 )
-def test_an_index_that_we_did_not_write_removes_nothing(tmp_path, old):
+def test_an_index_of_another_program_removes_nothing(tmp_path, old):
     folder = tmp_path / "out"
     (folder / "below").mkdir(parents=True)
     (tmp_path / "mine.txt").write_text("mine")
@@ -85,9 +85,6 @@ def test_files_that_cannot_all_be_written_leave_the_old_ones_whole(tmp_path):
     assert (tmp_path / "index.json").read_text() == "old"
 
 
-# A full disk.
-
-
 @contextmanager
 def full_disk():
     """Limit all files to `BYTES`; not a fixture, since pytest's output may go to a file."""
@@ -111,13 +108,13 @@ def write_recording(path: Path) -> None:
 WRITERS = {
     "a.npz": lambda path: write_arrays(path, {"x": np.arange(1000.0)}),
     "a.json": lambda path: write_json(path, {"x": list(range(1000))}),
-    "a.png": lambda path: path.write_bytes(bytes(10 * BYTES)),  # as figures are
+    "a.png": lambda path: path.write_bytes(bytes(10 * BYTES)),
     "a.rrd": write_recording,
 }
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_no_kind_of_file_is_published_cut_off(tmp_path, name):
+def test_no_truncated_file_is_published(tmp_path, name):
     (tmp_path / "a.json").write_text("old")
     with (
         pytest.raises(OutputError, match=f"^{tmp_path} could not be written: [^\n]+$"),
@@ -130,7 +127,7 @@ def test_no_kind_of_file_is_published_cut_off(tmp_path, name):
 
 
 def test_review_on_a_full_disk_is_one_sentence_and_no_file(tmp_path, capfd):
-    keep_made(tmp_path)
+    write_synthetic_run(tmp_path)
     out = tmp_path / "new" / "review.rrd"
     with full_disk():
         assert main(["review", str(tmp_path), "--out", str(out)]) == 2
@@ -166,7 +163,7 @@ def test_the_code_hash_changes_with_a_source_and_not_with_the_report(tmp_path, m
     assert len(hashes) == 8
 
 
-def test_a_commit_is_named_only_in_the_projects_own_checkout(tmp_path, monkeypatch):
+def test_a_commit_is_stated_only_in_the_projects_own_checkout(tmp_path, monkeypatch):
     assert re.match(r"[0-9a-f]{40}(, with uncommitted changes)?$|not a git", provenance.commit())
     monkeypatch.setattr(provenance, "HERE", tmp_path)
     assert provenance.commit() == "not a git checkout"

@@ -45,6 +45,6 @@ def speeds(analysis: ConditionAnalysis) -> np.ndarray:
     return analysis.classes.worst_speed
 
 
-def written(file: Path, B: Any) -> Path:
+def matrix_file(file: Path, B: Any) -> Path:
     np.savetxt(file, B, delimiter=",")
     return file

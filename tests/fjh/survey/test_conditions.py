@@ -14,7 +14,7 @@ from fjh.survey.conditions import actuator_frame, checks, condition_frame
 from fjh.survey.page import headline
 from prioritized import ConstrainedSystem
 from sim import MODELS, assemble
-from tests.fjh.survey.surveys import conditions, of_matrix, of_robot, speeds, written
+from tests.fjh.survey.surveys import conditions, matrix_file, of_matrix, of_robot, speeds
 from tests.published.faces import distances, effectiveness
 from tests.robots import TEST_MODELS
 
@@ -26,10 +26,10 @@ STRETCHED = {"site": "tip", "axes": None, "major": "3,4"}
 def test_hexarotor_hovers_without_a_rotor_if_neighbours_turn_in_the_same_sense(tmp_path):
     """Compare with Du, Quan, Yang and Cai, JGCD 38 (2015)."""
     hover = {"lower": "0", "upper": "6.125", "hold": f"{1.535 * 9.8},0,0,0"}
-    for turns, kept in {"PNPNPN": 6 * [False], "PPNNPN": 4 * [True] + 2 * [False]}.items():
-        start = of_matrix(written(tmp_path / "B.csv", effectiveness(turns)), **hover).start
+    for turns, survives in {"PNPNPN": 6 * [False], "PPNNPN": 4 * [True] + 2 * [False]}.items():
+        start = of_matrix(matrix_file(tmp_path / "B.csv", effectiveness(turns)), **hover).start
         assert start.survived[0]
-        assert start.survived[start.singles[:, FREE - LOCKED]].tolist() == kept
+        assert start.survived[start.singles[:, FREE - LOCKED]].tolist() == survives
 
 
 def test_rows_list_failed_actuators_and_actuators_list_remaining_effects(tmp_path):
@@ -62,11 +62,11 @@ def test_measured_hexarotor_loses_directions_with_less_than_one_percent(tmp_path
     B_measured[3] /= 2
     B_measured[1:3] += 0.006 * rng.normal(size=(2, 6))
     limits = {"lower": "0", "upper": "4", "hold": "7.2,0,0,0"}
-    survey = of_matrix(written(tmp_path / "B.csv", B_measured), **limits)
+    survey = of_matrix(matrix_file(tmp_path / "B.csv", B_measured), **limits)
     at_rest, zero, frame = np.linalg.pinv(B_measured) @ hover, np.zeros(6), conditions(survey)
     healthy = radius(B_measured, zero, zero + 4, hover)
     for code, row in zip(survey.start.codes, frame.itertuples(), strict=True):
-        stuck = np.where(code == LOCKED, at_rest, 0.0)  # one that is free has no thrust
+        stuck = np.where(code == LOCKED, at_rest, 0.0)  # a free one has no thrust
         left = radius(B_measured, stuck, np.where(code, stuck, 4.0), hover)
         assert row.survived == (left / healthy > LEAST_LEFT == 0.01), row
         assert row.worst_effect == pytest.approx(left, abs=1e-8)
@@ -99,14 +99,14 @@ def test_robot_without_force_loses_the_task(tmp_path, near):
 @pytest.mark.parametrize(("hold", "advice"), [(None, "(--hold)"), ("40,0,0,0", "hold less")])
 def test_inputs_without_slack_at_rest_are_reported(tmp_path, hold, advice):
     """Thrusts from 0 on have no slack about zero; six thrusts of 6 N do not carry 40 N."""
-    file = written(tmp_path / "B.csv", effectiveness("PPNNPN"))
+    file = matrix_file(tmp_path / "B.csv", effectiveness("PPNNPN"))
     survey = of_matrix(file, lower="0", upper="6", hold=hold)
     assert survey.start.classification(0) == "no margin"
     assert headline(survey.system, survey.start).endswith(f"{advice}.")
 
 
 def test_matrix_analysis_is_the_same_in_parts(tmp_path, monkeypatch):
-    file = written(tmp_path / "B.csv", np.random.default_rng(0).normal(size=(4, 8)))
+    file = matrix_file(tmp_path / "B.csv", np.random.default_rng(0).normal(size=(4, 8)))
     complete = of_matrix(file).start
     monkeypatch.setattr("fjh.rig.condition_analysis._AT_ONCE", 8**2 * 10)
     parts = of_matrix(file).start
@@ -115,7 +115,8 @@ def test_matrix_analysis_is_the_same_in_parts(tmp_path, monkeypatch):
 
 
 def test_omitted_conditions_with_many_failures_are_reported(tmp_path):
-    survey = of_matrix(written(tmp_path / "B.csv", np.random.default_rng(0).normal(size=(2, 12))))
+    B = np.random.default_rng(0).normal(size=(2, 12))
+    survey = of_matrix(matrix_file(tmp_path / "B.csv", B))
     count = sum(comb(12, k) * 2**k for k in range(5))
     [sentence] = survey.omissions()
     assert f"3^12 conditions those with at most 4 failures ({count:,})" in sentence
@@ -187,7 +188,7 @@ def test_best_posture_replaces_a_singular_start():
 
 
 def test_every_check_fails_on_wrong_numbers(tmp_path):
-    survey = of_matrix(written(tmp_path / "B.csv", B))
+    survey = of_matrix(matrix_file(tmp_path / "B.csv", B))
     start, left = survey.start, survey.start.classes
     assert [outcome.passed for outcome in checks(survey.system, start)] == [True, True]
     verdicts = replace(start, classes=replace(left, possible=~left.possible))

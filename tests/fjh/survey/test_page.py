@@ -32,18 +32,15 @@ class Page(HTMLParser):
         assert self.open == []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Called by the parser."""
         names = [name for name, _ in attrs]
         assert len({*names}) == len(names) and not any(name.startswith("on") for name in names)
         self.tags.add(tag)
         self.open += [] if tag in VOID else [tag]
 
     def handle_endtag(self, tag: str) -> None:
-        """Called by the parser."""
         assert tag in VOID or self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        """Called by the parser."""
         self.text += data
 
 

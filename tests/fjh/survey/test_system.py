@@ -7,7 +7,7 @@ from fjh.study.errors import WrongInput
 from fjh.survey.system import matrix_system
 from prioritized import ConstrainedSystem
 from sim import MODELS
-from tests.fjh.survey.surveys import conditions, of_matrix, of_robot, speeds, written
+from tests.fjh.survey.surveys import conditions, matrix_file, of_matrix, of_robot, speeds
 from tests.robots import TEST_MODELS
 
 B = np.random.default_rng(3).normal(size=(3, 5))
@@ -72,16 +72,16 @@ def test_invalid_options_of_a_matrix_are_rejected(
     tmp_path, refused, monkeypatch, arguments, message
 ):
     monkeypatch.chdir(tmp_path)
-    written(tmp_path / "B.csv", B[:2])
-    written(tmp_path / "L.csv", np.ones((1, 3)))
+    matrix_file(tmp_path / "B.csv", B[:2])
+    matrix_file(tmp_path / "L.csv", np.ones((1, 3)))
     assert message in refused("survey", "--matrix", "B.csv", *arguments, "--out", "out")
     assert not (tmp_path / "out").exists()
 
 
 def test_limits_come_from_files_of_numbers_in_a_row_or_a_column(tmp_path):
-    file = written(tmp_path / "B.csv", B)
-    upper = written(tmp_path / "U.csv", np.arange(1.0, 6.0)[None])
-    column = written(tmp_path / "V.csv", np.arange(1.0, 6.0)[:, None])
+    file = matrix_file(tmp_path / "B.csv", B)
+    upper = matrix_file(tmp_path / "U.csv", np.arange(1.0, 6.0)[None])
+    column = matrix_file(tmp_path / "V.csv", np.arange(1.0, 6.0)[:, None])
     starts = [of_matrix(file, lower="-1", upper=str(limits)).start for limits in (upper, column)]
     np.testing.assert_array_equal(speeds(starts[0]), speeds(starts[1]))
     kin = ConstrainedSystem(B, None, range(5)).kinematics()

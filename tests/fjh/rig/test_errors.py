@@ -32,22 +32,22 @@ ARM = """<mujoco><option {option}/><statistic extent="1"/><worldbody><body>
 
 
 @cache
-def known(name: str) -> Rig:
+def known_rig(name: str) -> Rig:
     return Rig.hexapod() if name == "hexapod" else Rig.of_mjcf(MODELS / "arm.xml", major=[0, 1])
 
 
-def rig(folder: Path, bend=0.8, *, kv=8, option="", rows=(3, 5), text=ARM, size=None) -> Rig:
+def planar_rig(folder: Path, bend=0.8, *, kv=8, option="", rows=(3, 5), text=ARM, size=None) -> Rig:
     """Return the rig of two links in a plane, the second one bent."""
     file = folder / "arm.xml"
     file.write_text(text.format(kv=kv, option=option))
     return Rig.of_mjcf(file, site="tool", major=rows, start=[0.3, bend], size=size)
 
 
-def holds(one: Rig) -> bool:
-    """Return True if a run is as predicted."""
-    path = one.path("circle", duration_s=0.3, turn_s=0.3)
-    run = one.fly(one.controller(), path)
-    predicted = one.predict(path, noise=run.measured - run.true).rms_before
+def is_as_predicted(rig: Rig) -> bool:
+    """Return True if the error of a run is as predicted."""
+    path = rig.path("circle", duration_s=0.3, turn_s=0.3)
+    run = rig.fly(rig.controller(), path)
+    predicted = rig.predict(path, noise=run.measured - run.true).rms_before
     return bool(np.linalg.norm(run.rms()) == pytest.approx(np.linalg.norm(predicted), rel=0.1))
 
 
@@ -55,11 +55,11 @@ def holds(one: Rig) -> bool:
 def test_servos_that_overshoot_in_a_physics_step_are_rejected_with_advice(tmp_path):
     """Euler's step h removes h d of a speed that decays at the rate d: above 2 it diverges."""
     with pytest.raises(WrongInput, match=r"overshoots in physics steps of 0\.002 s") as rejection:
-        rig(tmp_path, kv=300)
+        planar_rig(tmp_path, kv=300)
     advised = re.search(r"steps of at most (\S+) s, or .*?\((\w+)\)", str(rejection.value))
     assert advised is not None
-    assert holds(rig(tmp_path, kv=300, option=f'timestep="{advised[1]}"'))
-    assert holds(rig(tmp_path, kv=300, option=f'integrator="{advised[2]}"'))
+    assert is_as_predicted(planar_rig(tmp_path, kv=300, option=f'timestep="{advised[1]}"'))
+    assert is_as_predicted(planar_rig(tmp_path, kv=300, option=f'integrator="{advised[2]}"'))
 
 
 @pytest.mark.long
@@ -67,9 +67,10 @@ def test_servos_that_overshoot_in_a_physics_step_are_rejected_with_advice(tmp_pa
 def test_a_nearly_singular_posture_is_rejected_with_the_row_to_omit(tmp_path, bend):
     """A straight arm hardly moves its end along itself."""
     with pytest.raises(WrongInput, match="posture is nearly singular") as rejection:
-        rig(tmp_path, bend)
+        planar_rig(tmp_path, bend)
     assert "row 5" in str(rejection.value)
-    assert holds(rig(tmp_path, bend, rows=(3,))) and holds(rig(tmp_path, 0.8))
+    assert is_as_predicted(planar_rig(tmp_path, bend, rows=(3,)))
+    assert is_as_predicted(planar_rig(tmp_path, 0.8))
 
 
 @pytest.mark.long
@@ -86,7 +87,7 @@ def test_an_undamped_servo_is_rejected_with_advice(tmp_path):
 @pytest.mark.parametrize("size", [None, 2e-4, 5e-3])
 def test_noise_does_not_grow_with_the_path(tmp_path, size):
     """The noise is a hundredth of the default path, a thousandth of the extent of 1 m."""
-    assert rig(tmp_path, size=size).noise == pytest.approx(1e-5)
+    assert planar_rig(tmp_path, size=size).noise == pytest.approx(1e-5)
 
 
 BALL = '<body name="ball"><geom size="0.1"/></body><body>'
@@ -96,7 +97,7 @@ BALL = '<body name="ball"><geom size="0.1"/></body><body>'
 @pytest.mark.parametrize(("bend", "collides"), [(2.9, True), (0.8, False)])
 def test_a_start_in_collision_gives_a_warning(tmp_path, bend, collides):
     """The folded second link ends inside a ball at the base."""
-    pattern = rig(tmp_path, bend, text=ARM.replace("<body>", BALL, 1), rows=(3,)).warnings
+    pattern = planar_rig(tmp_path, bend, text=ARM.replace("<body>", BALL, 1), rows=(3,)).warnings
     assert (
         any(each.startswith("the start is in collision: ball and") for each in pattern) == collides
     )
@@ -105,9 +106,9 @@ def test_a_start_in_collision_gives_a_warning(tmp_path, bend, collides):
 @pytest.mark.long
 def test_a_lost_task_is_reported(tmp_path):
     """A link without force hangs down, far from a path of a millimeter."""
-    one = rig(tmp_path)
-    path, failures = one.path("circle", duration_s=0.7), [Failure("b", "free", 0.2)]
-    run, healthy = (one.fly(one.controller(), path, failures=each) for each in (failures, []))
+    rig = planar_rig(tmp_path)
+    path, failures = rig.path("circle", duration_s=0.7), [Failure("b", "free", 0.2)]
+    run, healthy = (rig.fly(rig.controller(), path, failures=each) for each in (failures, []))
     assert np.abs(run.desired - run.true)[-100:].max() > 0.01
     assert run.lost is not None and healthy.lost is None
 
@@ -119,22 +120,21 @@ def reads(**parts: Any) -> Hook:
 
 def simulated(**given: Any) -> Any:
     """Simulate the hexapod with its plain controller, unless another is given."""
-    one = known("hexapod")
-    return one.fly(**{"controller": one.controller(), "path": np.zeros((3, 2))} | given)
+    rig = known_rig("hexapod")
+    return rig.fly(**{"controller": rig.controller(), "path": np.zeros((3, 2))} | given)
 
 
 SENT = r"what events\.sent returns at tick 0 must"
 READ = r"what events\.measured returns at tick 0"
 FAILURES = [Failure(0, "locked", 0.001)]
 NAN, ARM_FILE = np.nan, MODELS / "arm.xml"
+PATH_OPTIONS, ZEROS = {"name": "circle", "duration_s": 0.01}, np.zeros((3, 2))
 CALLS: dict[str, Callable[..., Any]] = {
     "made": Rig.hexapod,
     "loaded": lambda **given: Rig.of_mjcf(**{"file": ARM_FILE, "major": [0, 1]} | given),
-    "flown": simulated,
-    "path": lambda **given: known("hexapod").path(**{"name": "circle", "duration_s": 0.01} | given),
-    "predicted": lambda **given: known("hexapod").predict(
-        np.zeros((3, 2)), failures=FAILURES, **given
-    ),
+    "simulated": simulated,
+    "path": lambda **given: known_rig("hexapod").path(**PATH_OPTIONS | given),
+    "predicted": lambda **given: known_rig("hexapod").predict(ZEROS, failures=FAILURES, **given),
     "event": lambda name: Event(name, 0.1),
     "recorded": lambda **given: record(**{"path": "x.rrd", "run": None, "rig": None} | given),
 }
@@ -144,21 +144,27 @@ LOST = [Event("nan", 0.0)]
 SHORT, MISSING = np.zeros(1), np.full(2, NAN)
 TABLE: list[tuple[type[Exception], str, str, list[Any], str]] = [
     *((ValueError, made, "seed", [*NUMBERS, None, -1], "^seed must") for made in MADE),
-    (ValueError, "flown", "path", [np.full((3, 2), 1e20)], r"^path must be at most 10000 rad or m"),
-    (ValueError, "flown", "path", [np.zeros((0, 2))], "^path must have a row"),
+    (
+        ValueError,
+        "simulated",
+        "path",
+        [np.full((3, 2), 1e20)],
+        r"^path must be at most 10000 rad or m",
+    ),
+    (ValueError, "simulated", "path", [np.zeros((0, 2))], "^path must have a row"),
     (ValueError, "predicted", "told", [[], [None, None], [-1.0], [0.0]], "^told must"),
     (ValueError, "event", "name", ["bmp", ""], "^there is no event"),
-    # Hooks: which one, and when.
-    (ValueError, "flown", "events", [Hook(sent=lambda *_: SHORT)], f"^{SENT}"),
-    (ValueError, "flown", "events", [Hook(sent=lambda _, u: NAN * u)], f"{SENT} .*finite"),
-    (ValueError, "flown", "events", [reads(output=SHORT)], f"^output of {READ}"),
-    (ValueError, "flown", "events", [reads(output=MISSING), LOST], "unless the controller runs"),
-    (TypeError, "flown", "events", [Hook(sent=5)], r"^events\.sent must be a function"),
-    (TypeError, "flown", "events", [Hook(plant=lambda tick: None)], r"^events\.plant .*model"),
-    (TypeError, "flown", "events", [Hook(measured=lambda *_: 5)], f"^{READ}"),
-    (TypeError, "flown", "events", ["bump", ["bump"]], r'must .*fjh\.Event\("bump", 1\.5\)'),
-    (TypeError, "flown", "events", ["locked"], r'fjh\.Event\("locked", 1\.5, "ACTUATOR"\)'),
-    (TypeError, "flown", "events", [Event("bump", 0.1), [None], object(), 5], "^events must"),
+    # Hooks are reported with their name and tick.
+    (ValueError, "simulated", "events", [Hook(sent=lambda *_: SHORT)], f"^{SENT}"),
+    (ValueError, "simulated", "events", [Hook(sent=lambda _, u: NAN * u)], f"{SENT} .*finite"),
+    (ValueError, "simulated", "events", [reads(output=SHORT)], f"^output of {READ}"),
+    (ValueError, "simulated", "events", [reads(output=MISSING), LOST], "unless the controller runs"),
+    (TypeError, "simulated", "events", [Hook(sent=5)], r"^events\.sent must be a function"),
+    (TypeError, "simulated", "events", [Hook(plant=lambda tick: None)], r"^events\.plant .*model"),
+    (TypeError, "simulated", "events", [Hook(measured=lambda *_: 5)], f"^{READ}"),
+    (TypeError, "simulated", "events", ["bump", ["bump"]], r'must .*fjh\.Event\("bump", 1\.5\)'),
+    (TypeError, "simulated", "events", ["locked"], r'fjh\.Event\("locked", 1\.5, "ACTUATOR"\)'),
+    (TypeError, "simulated", "events", [Event("bump", 0.1), [None], object(), 5], "^events must"),
     (TypeError, "loaded", "cross_over", [5.0], "no argument cross_over; did you mean .crossover"),
     (TypeError, "loaded", "file", [None, 5], "^file must"),
     (TypeError, "loaded", "site", [None, NAN, []], "^site must"),
@@ -167,7 +173,7 @@ TABLE: list[tuple[type[Exception], str, str, list[Any], str]] = [
     (TypeError, "event", "name", [None, 5, ["bump"]], "^name must"),
     (TypeError, "recorded", "path", [None], "^path must"),
     (TypeError, "recorded", "rig", [None, 5], "^rig must"),
-    # What the words of a command refuse, too.
+    # Commands reject these values, too.
     (WrongInput, "loaded", "limits", ["some"], "^limits must be one of stated, none"),
     (WrongInput, "loaded", "major", ["x,w", [], [0, 6]], "^major must be different"),
     (WrongInput, "loaded", "servo_hz", [-1.0], "^servo_hz must"),
@@ -176,7 +182,7 @@ TABLE: list[tuple[type[Exception], str, str, list[Any], str]] = [
     (WrongInput, "loaded", "start", ["home", "9", -1], "^the model has no keyframe .*it has none"),
     (WrongInput, "made", "size", [*NUMBERS, 0.0, -1], "^size must"),
     (WrongInput, "path", "name", ["cirle"], "^path must be spiral, .* did you mean .circle"),
-    (WrongInput, "flown", "failures", [[Failure("strut9", "locked")]], "strut9"),
+    (WrongInput, "simulated", "failures", [[Failure("strut9", "locked")]], "strut9"),
 ]
 """Error, function, argument, values of it, and pattern of the message."""
 
@@ -191,7 +197,7 @@ def test_invalid_arguments_of_a_rig_are_rejected_by_name(error, call, name, valu
 
 
 def test_invalid_arguments_of_the_hexapod_are_rejected_by_name():
-    """A payload edge on or mirrored, coils that would melt, a strut of zero length."""
+    """The payload is edge on or mirrored, coils would melt, or a strut has zero length."""
     edge_on = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     with pytest.raises(ValueError, match="rotation must not put the payload at right angles"):
         Detector(1.0, 5e-3, 3e-7).read(edge_on, np.random.default_rng(0))
@@ -208,10 +214,10 @@ def test_invalid_arguments_of_the_hexapod_are_rejected_by_name():
 
 
 def test_controls_that_mujoco_would_clear_end_a_run():
-    one = known("arm")
+    rig = known_rig("arm")
     huge = Hook(sent=lambda tick, inputs: np.full_like(inputs, 1e20))
     with pytest.raises(SimulationDiverged, match="controls beyond"):
-        one.fly(one.controller(), np.zeros((3, 2)), events=huge)
+        rig.fly(rig.controller(), np.zeros((3, 2)), events=huge)
 
 
 PATH = np.zeros((3, 2))
@@ -223,7 +229,7 @@ ADVICE: list[tuple[Callable[[], object], str]] = [
         "spiral_direction must be one number, got shape",
     ),
     (lambda: TestbedConfig(anti_windup=MANY), "^anti_windup must be True or False, .{,90}$"),
-    (lambda: known("arm").predict(PATH, floor_m_per_s2=np.zeros((3, 3))), "no floor input"),
+    (lambda: known_rig("arm").predict(PATH, floor_m_per_s2=np.zeros((3, 3))), "no floor input"),
     (lambda: survey(hold="1,2", on_progress=lambda *_: None), "--hold .*give one with --matrix"),
 ]
 
@@ -235,8 +241,8 @@ def test_invalid_combinations_are_rejected_with_advice(ask, pattern):
 
 
 def test_public_objects_have_a_one_line_representation():
-    one = known("arm")
-    diagnosing, run = one.supervisor(), one.fly(one.controller(), PATH)
-    report = one.control.system.kinematics().manipulability([0, 1])
-    for thing in (one, run, diagnosing, diagnosing.start(), report):
+    rig = known_rig("arm")
+    diagnosing, run = rig.supervisor(), rig.fly(rig.controller(), PATH)
+    report = rig.control.system.kinematics().manipulability([0, 1])
+    for thing in (rig, run, diagnosing, diagnosing.start(), report):
         assert re.match("<[A-Z].*>$", repr(thing))

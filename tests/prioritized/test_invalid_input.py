@@ -1,7 +1,4 @@
-"""Test that invalid input raises an error that names the expected value.
-
-All else that is hostile is in `test_hostile.py`.
-"""
+"""Test that invalid input raises an error that names the expected value."""
 
 from typing import Any
 
@@ -37,7 +34,7 @@ TABLE: list[tuple[str, str, Any, str]] = [
     ("velocity_mapping", "secondary", [1, 1], "must not repeat"),
     ("velocity_mapping", "major_metric", [0.0], "must weigh every major direction"),
     *(("velocity_mapping", f"{of}_weight", np.zeros(0), "shape") for of in ("joint", "secondary")),
-    # It would cancel the major force, and every torque would come out zero.
+    # It would cancel the major force, and every torque would be zero.
     *(("force_mapping", "secondary", along, "must exclude the major") for along in ALONG),
     *(("system", "stiffness", *row) for row in NO_METRIC),
     *(("kinematics", "passive_metric", *row) for row in NO_METRIC),
@@ -47,7 +44,7 @@ TABLE: list[tuple[str, str, Any, str]] = [
 
 
 @pytest.mark.parametrize(("call", "name", "value", "message"), TABLE)
-def test_invalid_input_raises_with_its_name(call, name, value, message):
+def test_invalid_input_raises_an_error_with_its_name(call, name, value, message):
     with pytest.raises(ValueError, match=f"{name} .*{message}"):
         CALLS[call](**{name: value})
 
@@ -58,7 +55,7 @@ SHAPES |= {"major_metric": (1, 1), "tie_metric": (3, 3), "scale": (1, 1), "rank_
 
 
 @given(st.sampled_from([np.nan, np.inf, -np.inf]), st.sampled_from(sorted(SHAPES)), st.data())
-def test_one_number_that_is_not_finite_is_enough(bad, name, data):
+def test_one_number_that_is_not_finite_raises(bad, name, data):
     """Check a non-finite number anywhere in any argument of the force mapping."""
     value = np.ones(SHAPES[name])
     value[tuple(data.draw(st.integers(0, size - 1)) for size in value.shape)] = bad

@@ -10,17 +10,17 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tests.processes import CODES, ended, started
+from tests.processes import CODES, assert_interrupted, start_python
 
-EVERY = pytest.mark.parametrize("number", CODES)
-ONE_BY_DAY = pytest.mark.parametrize(
+EVERY_SIGNAL = pytest.mark.parametrize("number", CODES)
+SIGINT_IN_SHORT_TESTS = pytest.mark.parametrize(
     "number", [signal.SIGINT, *(pytest.param(each, marks=pytest.mark.long) for each in [15, 1])]
 )
 
 
 def at(moment: str) -> subprocess.Popen[str]:
     """Start a command and wait until it has reached a line."""
-    process = started("-c", moment)
+    process = start_python("-c", moment)
     assert process.stdout
     assert process.stdout.readline() == "here\n"
     return process
@@ -51,15 +51,15 @@ experiments.__main__.run()
 
 
 def running(out: Path, work: str) -> subprocess.Popen[str]:
-    """Start a study with this work and wait until it is in it."""
+    """Start a study with this work and wait until it runs."""
     return at(RUNNING.format(work=work, out=str(out)))
 
 
-@ONE_BY_DAY
-def test_during_the_imports(number):
+@SIGINT_IN_SHORT_TESTS
+def test_a_signal_during_the_imports_ends_the_command(number):
     process = at(IMPORTING)
     process.send_signal(number)
-    ended(process, number)
+    assert_interrupted(process, number)
 
 
 def test_nohup_is_respected():
@@ -69,7 +69,7 @@ def test_nohup_is_respected():
     time.sleep(0.2)
     assert process.poll() is None
     process.send_signal(signal.SIGTERM)
-    ended(process, signal.SIGTERM)
+    assert_interrupted(process, signal.SIGTERM)
 
 
 CLEARING = """
@@ -83,8 +83,8 @@ CLEARING = """
 """
 
 
-@ONE_BY_DAY
-def test_while_a_study_runs_and_again_during_its_cleanup(number, tmp_path):
+@SIGINT_IN_SHORT_TESTS
+def test_signals_during_a_study_and_its_cleanup_end_it(number, tmp_path):
     """Signals may be sent several times, as by `timeout` or repeated Ctrl-C."""
     process = running(tmp_path / "out", CLEARING)
     process.send_signal(number)
@@ -92,7 +92,7 @@ def test_while_a_study_runs_and_again_during_its_cleanup(number, tmp_path):
     for signal_number in CODES:
         process.send_signal(signal_number)
     assert process.stdout.readline() == "cleared\n"
-    ended(process, number)
+    assert_interrupted(process, number)
     assert not (tmp_path / "out").exists()
 
 
@@ -106,12 +106,12 @@ FAILING = """
 
 
 @pytest.mark.long
-@EVERY
+@EVERY_SIGNAL
 def test_an_error_caused_by_a_signal_counts_as_the_signal(number, tmp_path):
     """An interrupted library may raise any error."""
     process = running(tmp_path / "out", FAILING)
     process.send_signal(number)
-    ended(process, number)
+    assert_interrupted(process, number)
 
 
 PARALLEL = """
@@ -123,7 +123,7 @@ PARALLEL = """
 
 def works(process: subprocess.Popen[str]) -> bool:
     """Return whether a process has a worker."""
-    with contextlib.suppress(psutil.Error):  # it may be gone by now
+    with contextlib.suppress(psutil.Error):  # it may have ended
         children = psutil.Process(process.pid).children()
         return any("spawn_main" in word for child in children for word in child.cmdline())
     return False
@@ -131,27 +131,27 @@ def works(process: subprocess.Popen[str]) -> bool:
 
 @pytest.mark.long
 @pytest.mark.night
-@EVERY
+@EVERY_SIGNAL
 @pytest.mark.parametrize("later_s", [0.0, 0.3])
 @pytest.mark.parametrize("whom", [os.kill, os.killpg])
-def test_while_workers_start(number, later_s, whom, tmp_path):
+def test_a_signal_while_workers_start_ends_the_study(number, later_s, whom, tmp_path):
     process = running(tmp_path / "out", PARALLEL)
     deadline = time.monotonic() + 60
     while not works(process) and time.monotonic() < deadline:
         time.sleep(0.01)
     time.sleep(later_s)
     whom(process.pid, number)
-    ended(process, number)
+    assert_interrupted(process, number)
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.long
 @pytest.mark.night
-@EVERY
+@EVERY_SIGNAL
 @pytest.mark.parametrize("after_s", [1.0, 3.0])
-def test_a_real_study(number, after_s, tmp_path):
-    process = started("-m", "experiments", "table1", "--out", str(tmp_path / "out"))
+def test_a_signal_ends_a_real_study(number, after_s, tmp_path):
+    process = start_python("-m", "experiments", "table1", "--out", str(tmp_path / "out"))
     time.sleep(after_s)
     os.killpg(process.pid, number)
-    ended(process, number)
+    assert_interrupted(process, number)
     assert not list((tmp_path / "out").glob("*"))

@@ -1,4 +1,4 @@
-"""Artificial short run and study for tests of files, without a simulation."""
+"""Synthetic short run and study for tests of files, without a simulation."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -23,11 +23,11 @@ ABOUT = About("made", "made-seed0", notes=["Made."], parameters={"seed": 0})
 
 @cache
 def hexapod() -> Rig:
-    """Return the rig of the artificial runs."""
+    """Return the rig of the synthetic run."""
     return Rig.hexapod()
 
 
-def made_run() -> Run:
+def synthetic_run() -> Run:
     """Create the start of the spiral, tracked up to noise, without other motion."""
     rng, bench, ticks = np.random.default_rng(0), TestbedConfig(), 400
     desired = bench.spiral_rad(ticks * bench.control_period_s)
@@ -57,23 +57,23 @@ def made_run() -> Run:
     )
 
 
-def keep_made(folder: Path, name: str = "made", *, locked: bool = True) -> None:
+def write_synthetic_run(folder: Path, name: str = "made", *, locked: bool = True) -> None:
     """Write `made.npz` and `made.rrd` as a study of the hexapod does; strut 1 is locked."""
-    run = replace(made_run(), failures=(Failure(0, "locked"),) * locked)
+    run = replace(synthetic_run(), failures=(Failure(0, "locked"),) * locked)
     file, arrays = folder / f"{name}.rrd", hexapod_arrays(run)
     write_run(file, hexapod(), run, ABOUT, arrays=arrays, known="known")
 
 
-def made_view(
+def synthetic_view(
     *incidents: Change, diagnoses: Sequence[Change] = (), **arrays: np.ndarray
 ) -> RunView:
-    """Create the view of an artificial run with some incidents and changed arrays."""
-    rig, own = hexapod(), hexapod_arrays(made_run()) | arrays
+    """Create the view of a synthetic run with some incidents and changed arrays."""
+    rig, own = hexapod(), hexapod_arrays(synthetic_run()) | arrays
     stated = replace(stated_of(rig), incidents=list(incidents), diagnoses=list(diagnoses))
     return RunView(stated, as_run_arrays(own), rig.model)
 
 
-def made_study(name: str, make: Callable[..., Result]) -> Study:
+def synthetic_study(name: str, make: Callable[..., Result]) -> Study:
     """Create a study of this name from a function of its options."""
 
     def study(
