@@ -159,7 +159,7 @@ pictures: venv
 	$(BIN)/fjh render $(RUNS)/lock/with_diagnosis/track.rrd --out docs/pictures/run.png
 	$(BIN)/fjh animate $(RUNS)/lock/without_diagnosis/track.npz \
 	    $(RUNS)/lock/with_diagnosis/track.npz --out docs/pictures/animation.gif
-	$(BIN)/python -m tools.live_pictures docs/pictures
+	$(BIN)/python -m tools.live_picture docs/pictures/live.png
 
 clean:
 	rm -rf .venv results build dist *.egg-info
