@@ -76,7 +76,7 @@ def _designed(rig: "Rig", frequencies: list[float], task_motion: float) -> Dithe
     displacement = DITHER_SIZE * rig.size * np.abs(mapping.major_gain()).max()
     cost = Cost(displacement, rig.nominal.plant.C, task_motion)
     return designed_dither(
-        rig.watched, freedom, frequencies, cost, MEASURED_S, DEFAULT_CONFIG.uncertainty
+        rig.diagnosis_model, freedom, frequencies, cost, MEASURED_S, DEFAULT_CONFIG.uncertainty
     )
 
 
@@ -161,4 +161,4 @@ def _path_separations(rig: "Rig", path: Array) -> Separations:
     measured_s = max(MEASURED_S, 1 / float(frequency_hz[0]))
     commanded = rig.mapping(rig.goal).major_gain() @ phasors[strongest]
     arguments = measured_s, DEFAULT_CONFIG.uncertainty
-    return separations_at(fault_responses(rig.watched, frequency_hz, *arguments), 0, commanded)
+    return separations_at(fault_responses(rig.diagnosis_model, frequency_hz, *arguments), 0, commanded)

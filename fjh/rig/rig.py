@@ -265,7 +265,7 @@ class Rig:
         return self.control.nominal
 
     @property
-    def watched(self) -> NominalModel:
+    def diagnosis_model(self) -> NominalModel:
         """Linear model from displacements to the measurements of the diagnosis."""
         return self.control.diagnosis_model
 

@@ -118,7 +118,7 @@ def isolation_row(rig: Rig, sense: Sensing) -> tuple[DitherDesign, dict[str, Any
         ValueError: The major task leaves no motion for a dither.
     """
     sensed = with_sensors(rig, sense)
-    watched, design = sensed.watched, rig_dither(sensed, "designed")
+    watched, design = sensed.diagnosis_model, rig_dither(sensed, "designed")
     if design is None:
         raise ValueError("the major task leaves no motion by which failures could be isolated")
     separated, dither = design.separations, design.dither

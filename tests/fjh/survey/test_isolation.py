@@ -70,7 +70,7 @@ def test_further_sensor_isolates_as_much_as_an_existing_one():
         result = separations(watched, design.dither, MEASURED_S, DEFAULT_CONFIG.uncertainty)
         return len(result.isolable())
 
-    watched, former = isolation.with_sensors(hand, "joints").watched, row["isolable"]
+    watched, former = isolation.with_sensors(hand, "joints").diagnosis_model, row["isolable"]
     assert isolable(watched) == former
     for name, count in zip(row["further_sensors"], row["isolable_with_further"], strict=True):
         more = {
