@@ -161,4 +161,5 @@ def _path_separations(rig: "Rig", path: Array) -> Separations:
     measured_s = max(MEASURED_S, 1 / float(frequency_hz[0]))
     commanded = rig.mapping(rig.goal).major_gain() @ phasors[strongest]
     arguments = measured_s, DEFAULT_CONFIG.uncertainty
-    return separations_at(fault_responses(rig.diagnosis_model, frequency_hz, *arguments), 0, commanded)
+    responses = fault_responses(rig.diagnosis_model, frequency_hz, *arguments)
+    return separations_at(responses, 0, commanded)
