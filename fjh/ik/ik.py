@@ -208,7 +208,7 @@ class Ik:
         demand: tuple[VelocityLimits, Array],
         compiled: Array | None,
     ) -> IkSolution:
-        """Return the solution with diagnostics; reuse the velocities of the compiled call, if any."""
+        """Return the solution with diagnostics, from the compiled velocities if there are any."""
         limits, targets = demand[0], self._targets.of_levels(demand[1])
         problem = IkProblem(self._system, self._hierarchy, jac, limits, targets, ())
         if compiled is None:

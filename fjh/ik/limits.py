@@ -184,11 +184,11 @@ class Braking(NamedTuple):
     margin: Array
 
     def ticks(self, velocities: Array) -> float:
-        """Return the ratio of the displacement until rest to that of a tick, as `stopping_ticks`."""
+        """Return the ratio of displacement until rest to that of a tick at these velocities."""
         return stopping_ticks(float((np.abs(velocities) * self.per_rate).max()))
 
     def excess(self, velocities: Array) -> Array:
-        """Return how far positions and rows exceed their limits if all joints brake after a tick."""
+        """Return how far positions and rows exceed limits if all joints brake after a tick."""
         shift = self.period_s * self.ticks(velocities) * velocities
         sinks = self.rows @ shift[: self.rows.shape[1]] if len(self.rows) else self.margin
         ends = np.concatenate([self.below + shift, self.above - shift, self.margin + sinks])
@@ -481,7 +481,7 @@ class LimitsOf(NamedTuple):
     def _rows(
         self, data: mujoco.MjData, v: Array, span_s: float
     ) -> tuple[Array, Array, Array, Indices]:
-        """Return rows R of coupled quantities, margins to limits, gains per tick, pairs of geoms."""
+        """Return rows R of coupled quantities, their margins, gains per tick, pairs of geoms."""
         rows, margin, pairs = self.coupled.rows(data), self.coupled.slack(data), _NO_PAIRS
         gain, distances = np.ones(len(margin)), self.limits.distances
         if distances is not None:

@@ -22,7 +22,7 @@ def rig_of(model: Path | None, options: RobotOptions) -> Rig:
     """Return the rig that a command's options request.
 
     Args:
-        model: MJCF; None is the hexapod, which has its own frame, loops and sensors.
+        model: MJCF file; None is the hexapod, which has its own frame, loops and sensors.
         options: Options of the robot.
 
     Raises:

@@ -1,6 +1,6 @@
-"""Options of a robot's control, declared, checked and parsed once for commands and code.
+"""Options of a robot's control: declarations, checks and parsers for commands and code.
 
-Only modules that load fast are imported, because the help text waits for this one.
+It imports only modules that load fast, because the command line's help needs it.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,14 +15,15 @@ from fjh.study.input_checks import short
 from fjh.study.option import Option
 
 Sensing = Literal["task", "joints", "both"]
-"""Sensors: of the task frame; encoders of the actuators with forward kinematics; or both."""
+"""Sensors: of the task frame, encoders of the actuators with forward kinematics, or both."""
 
 Limited = Literal["stated", "none"]
-"""Limits of the displacements: those of the file, or none."""
+"""Limits of the displacements: those that the file states, or none."""
 
 Feedforward = Literal["default", "on", "off"]
-"""Demand of the path through the inverse of the linear model; "default" is on, except for the
-hexapod, as in the paper."""
+"""Feedforward of the path through the inverse of the linear model; "default" is "on", but "off" for
+the hexapod, as in the paper.
+"""
 
 JacobianChoice = Literal["analytic", "constant"]
 """Jacobian of the hexapod's mapping: at the estimated pose at every control tick, or at the nominal
@@ -31,8 +32,9 @@ pose as eq. (39)."""
 Switch = Literal["on", "off"]
 
 DITHER_SIZE = 0.1
-"""Largest dither as a fraction of the path's motion of an actuator, and of the path's size for a
-major row. A failed actuator leaves its part of the dither uncompensated."""
+"""Largest dither of an actuator as a fraction of its motion on the path, and of a major row as a
+fraction of the path's size.
+"""
 
 COST_PART = 0.5
 """Largest motion of a major row by the default dither without failures, in standard deviations of
@@ -112,7 +114,7 @@ Controller = Annotated[
 
 @dataclass(frozen=True)
 class RobotOptions:
-    """Options of a robot's control; `major`, weights and `pinned` may be comma-separated text.
+    """Options of a robot's control; `major`, the weights and `pinned` may be comma-separated text.
 
     Raises:
         WrongInput: A value is invalid for every robot; names are checked when the robot is loaded.
@@ -225,7 +227,7 @@ def rows_of(name: str, given: Any, *names: Sequence[str]) -> tuple[int, ...]:
 
     Args:
         name: Name of the argument, for messages.
-        given: The rows.
+        given: Rows, by names or numbers.
         names: Lists of names of all rows; by default those of a twist.
 
     Raises:

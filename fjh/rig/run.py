@@ -1,4 +1,4 @@
-"""A run of a robot: its log at every control tick, and the diagnoses of its controller."""
+"""Run of a robot: its log at every control tick, and the diagnoses of its controller."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -32,7 +32,7 @@ class DiagnosedFailure:
         kind: Diagnosed kind of failure.
         time_s: Time of the diagnosis [s].
         withdrawn_s: Time [s] at which the controller withdrew the diagnosis; None is never.
-        acted_s: Time [s] from which the commands take it into account; None is never.
+        acted_s: Time [s] from which the commands account for the diagnosed failure; None is never.
     """
 
     actuator: str
@@ -68,10 +68,11 @@ class Run:
         failures: Failures that occurred, in order of time, actuators by number.
         state: State of the controller after the last tick.
         diagnoses: Diagnoses of the controller, in order of time.
-        task_lost: True if the controller's diagnosis leaves the major task not fully reachable.
+        task_lost: True if, by the controller's diagnosis, the major task is no longer fully
+            reachable.
         undiagnosed: Reason why the controller diagnosed nothing; None if it diagnosed a failure.
-        lost: Sentence that the major task is lost, by the errors of the run or by the controller's
-            diagnosis; None if it is not lost.
+        lost: Sentence on how the major task is lost, by the errors or the diagnosis; None if it is
+            not.
         status: Summary of the run for people: `lost`, then the diagnoses.
         events: Named events that occurred, in order of time.
     """
@@ -102,16 +103,16 @@ class Run:
 
     @cached_property
     def task(self) -> Array:
-        """Return the true displacement [rotation vector; translation] of the task frame, (N, 6)."""
+        """True displacement [rotation vector; translation] of the task frame, (N, 6)."""
         return self.pose.displacement()
 
     @property
     def error(self) -> Array:
-        """Desired minus true displacements of the major rows, shape (N, m1)."""
+        """Desired minus true displacements of the major rows, shape (N, m1), [rad] or [m]."""
         return self.desired - self.true
 
     def rms(self, ticks: slice = slice(None)) -> Array:
-        """Return the RMS error of each major row over some ticks, shape (m1,), [rad] or [m]."""
+        """Return the RMS error of each major row over a slice of ticks, (m1,), [rad] or [m]."""
         return rms(self.error[ticks])
 
     @property
@@ -134,7 +135,7 @@ def rms(signal: Array) -> Array:
 
 
 def tick_of(time_s: float, period_s: float) -> int:
-    """Return the first control tick at or after a time since tick 0, rounded to 1e-6 of a tick."""
+    """Return the first control tick at or after a time since tick 0, to 1e-6 of a tick."""
     return ceil(time_s / period_s - 1e-6)
 
 
@@ -177,12 +178,12 @@ def run_of(
     logged: slice,
     since: int = 0,
 ) -> Run:
-    """Collect the logs of a machine and its control loop for some ticks as a run.
+    """Return the run in the logs of a machine and its control loop.
 
     Args:
         rig: The robot.
         bench: Its machine.
-        looped: Log of the loop of controller and machine.
+        looped: Log of the control loop.
         time_s: Times of all ticks, (N,).
         desired: Desired displacements at all ticks, (N, m1).
         failures: Failures that occurred.
@@ -219,7 +220,8 @@ def run_of(
 
 
 _LOST = 5.0
-"""RMS error in path sizes beyond which the task is lost: standing still would cost one."""
+"""RMS error beyond which the task is lost, in sizes of the path; an arm at rest would have about 1.
+"""
 
 
 def _lost(
@@ -334,7 +336,7 @@ _UNEXPLAINED = "there was an alarm that no single failure explains"
 
 
 def _undiagnosed(state: Any, names: Sequence[str]) -> str:
-    """Return the reason why no failure was diagnosed."""
+    """Return a clause with the reason why no failure was diagnosed."""
     if not isinstance(state, SupervisorState):
         return "this controller does not diagnose"
     if state.monitor_state.unexplained:
@@ -364,7 +366,7 @@ def status_of(rig: "Rig", state: Any, diagnosed: Sequence[DiagnosedFailure]) -> 
 
 
 class _Counted:
-    """A machine in the loop that reports the number of completed ticks."""
+    """Machine for a control loop that reports the number of completed ticks."""
 
     def __init__(self, bench: Bench, on_tick: Callable[[int], None]) -> None:
         self.measure, self._bench, self._on_tick, self._done = bench.measure, bench, on_tick, 0
