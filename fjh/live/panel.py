@@ -1,4 +1,4 @@
-"""Panel of the page: buttons, and text on the machines."""
+"""Panel of the live page: buttons, and text on the machines."""
 
 from collections import deque
 from collections.abc import Callable
@@ -24,21 +24,21 @@ _PLOTTED = 250
 """Number of frames in the plot of errors."""
 _WEIGHTS = 0.1, 10.0
 _TEXT = "padding:0 1em;font-size:0.875em;height:15em;overflow-y:auto"
-"""Style of the text; its height is fixed, so that buttons do not move."""
+"""Style of the text, with a fixed height so that buttons do not move."""
 
 
 class Panel:
     """Panel next to the machines, with plot, text and buttons.
 
     Attributes:
-        message: Effect of the last click, or why it had none.
+        message: Text on the effect of the last click.
     """
 
     def __init__(
         self, server: viser.ViserServer, session: Session, stage: Stage,
         do: Callable[..., None], save: Callable[[], None],
     ) -> None:  # fmt: skip
-        """Make all elements; `do` carries out clicks between ticks, `save` writes a recording."""
+        """Make all elements; `do` executes a click between ticks, `save` writes a recording."""
         self._session, self._do, gui = session, do, server.gui
         self._html = gui.add_html("")
         lines = [Series(label=n, stroke=c, width=2) for n, c in zip(NAMES, COLORS, strict=True)]
@@ -101,7 +101,7 @@ class Panel:
         self.reset("Healthy machines, at rest.")
 
     def reset(self, message: str) -> None:
-        """Clear plot and disturbances for new machines, and set the message."""
+        """Clear plot and disturbances after a restart, and set the message."""
         self.message = message
         self._times = deque[float](maxlen=_PLOTTED)
         self._errors = [deque[float](maxlen=_PLOTTED) for _ in NAMES]

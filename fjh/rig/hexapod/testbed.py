@@ -77,8 +77,8 @@ class TestbedConfig:
             complete to nanometers.
         strut_sensor_noise_m: Standard deviation of one sample of a strut's eddy-current gauge, for
             runs that use gauges.
-        handover_s: Time constant with which the secondary motion of a previous mapping fades:
-            slower than the suspension modes, faster than the spiral.
+        handover_s: Time in which the secondary motion of a previous mapping fades: long compared
+            with the suspension modes, short compared with the spiral.
 
     Raises:
         ValueError: A constant is no number or outside its `LIMITS`, or `spiral_direction` is not 1
@@ -147,8 +147,7 @@ class TestbedConfig:
         )
 
     def spiral_rad(self, duration_s: float | None = None, begin_s: float = 0.0) -> Array:
-        """Return the spiral at each tick from `begin_s` on, (N, 2), [rad]; None: for its duration.
-        """
+        """Return the spiral at each tick from `begin_s` on, (N, 2), [rad]; None: `duration_s`."""
         duration_s = self.duration_s if duration_s is None else duration_s
         return self.desired_rad(begin_s + self.time_s(duration_s))
 
