@@ -1,4 +1,4 @@
-"""The study `survey`: capability of a robot or a matrix after failures; docs/survey.md."""
+"""Study `survey`: capability of a robot or a matrix after failures; docs/survey.md."""
 
 import shlex
 from dataclasses import replace
@@ -167,7 +167,7 @@ def _system_of_options(
     hold: str | None,
     robot: dict[str, Any],
 ) -> AnalyzedSystem:
-    """Load the robot or the matrix; raise `WrongInput` for options of the other."""
+    """Load the robot or the matrix; raise `WrongInput` for options that do not apply."""
     if matrix is None:
         if hold is not None:
             raise WrongInput("--hold is for a matrix: give one with --matrix")
