@@ -28,8 +28,7 @@ def alias_folders(root: Path) -> None:
         if folder != root / name:
             raise ImportError(
                 f"`import {name}` finds {spec.origin or 'a folder' if spec else 'nothing'}, not "
-                f"{root / name}: rename it, or install fjh (pip install {root}), which has no "
-                "other name",
+                f"{root / name}: rename the former, or install fjh with pip install {root}",
                 name="fjh",
             )
     sys.meta_path.insert(0, _FolderFinder())

@@ -84,7 +84,9 @@ def compare(a: Path | str, b: Path | str) -> Comparison:
     (first, one), (second, other) = _result(Path(a)), _result(Path(b))
     study = one["experiment"]
     if study != other["experiment"]:
-        raise WrongInput(f"{a} is of fjh {study}, {b} of fjh {other['experiment']}")
+        raise WrongInput(
+            f"results must be of one study, got {a} of {study} and {b} of {other['experiment']}"
+        )
     try:
         pairs = list(_pairs(one, other, ()))
     except RecursionError:
@@ -135,7 +137,7 @@ def _result(place: Path) -> tuple[Path, dict[str, Any]]:
         content = read_json(file)
         if isinstance(content, dict) and isinstance(content.get("experiment"), str):
             return file.parent, content
-    raise WrongInput(f"{place} is no result of a study")
+    raise WrongInput(f"{place} must be a JSON file of a study's results, or a folder with one")
 
 
 def _pairs(a: Any, b: Any, path: tuple[str, ...], disjoint: bool | None = None) -> Iterator[Any]:

@@ -123,7 +123,7 @@ def track(
         controller_factory(controller)  # raises for a wrong name before the first run
     is_requested = dither not in ("none", "default")
     if is_requested and not diagnoses:
-        raise WrongInput(f"--dither {dither} is for the diagnosis, which is off")
+        raise WrongInput(f"--dither {dither} needs --diagnosis on: it serves the diagnosis alone")
     for flag, incidents in (("--fail", failed), ("--event", other_events)):
         if late := [one.time_s for one in incidents if not one.time_s < duration]:
             end = f"before the run ends at {duration:g} s"
@@ -136,7 +136,7 @@ def track(
         notice(warning)
     design = rig_dither(rig, dither if diagnoses else "none")
     if is_requested and design is None:
-        raise WrongInput(f"--dither {dither}: the major task leaves no motion for a dither")
+        raise WrongInput(f"--dither {dither}: the major rows leave no motion for it; choose fewer")
     advised = partial(advice, rig, model, robot, dither)
     for failure in not_isolable(rig, design, desired, failures) if diagnoses else ():
         notice(f"{failure_text(rig, failure)} may not be identified: {advised(failure)}")
@@ -236,7 +236,9 @@ def scheduled(
     events = [replace(one, time_s=scale * one.time_s) for one in in_order]
     every = [*announced, *events_of(rig, events, seed=seed)[1]]
     if len({failure.actuator for failure in every}) < len(every):
-        raise WrongInput(f"--fail{' and --event' * bool(events)} must name each actuator once")
+        raise WrongInput(
+            f"--fail{' and --event' * bool(events)} must name each actuator at most once"
+        )
     return announced, events, sorted(every, key=lambda one: one.time_s)
 
 

@@ -167,5 +167,7 @@ def _weight(task: TaskFunction, size: int) -> Array:
     weight = np.asarray(1.0 if task.weight is None else task.weight)
     if weight.ndim and len(weight) != size:
         label = check.short_repr(task)
-        raise ValueError(f"weight of {label} must be one number or {size}, got {len(weight)}")
+        raise ValueError(
+            f"weight of {label} must be one number or {size} numbers, got {len(weight)}"
+        )
     return np.broadcast_to(weight, (size,))

@@ -569,7 +569,7 @@ def _limit_of(
             )
         if len(referents := {meaning.what for meaning in matches}) > 1:
             both = " and ".join(f"{kind} {k}" for kind, k in sorted(referents))
-            raise ValueError(f'{argument}: "{name}" stands for {both}: use another name of one')
+            raise ValueError(f'{argument}: "{name}" stands for {both}: use a unique name')
         for what, velocities in matches:
             limits[velocities] = np.minimum(limits[velocities], limit)
             if what[0] == "tendon":

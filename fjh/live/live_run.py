@@ -106,9 +106,9 @@ class LiveRun:
         """Sentence on the present diagnosis and its reason."""
         state = self.state
         if not isinstance(state, SupervisorState):
-            return "No diagnosis: the controller continues with its present information."
+            return "The diagnosis is off: the controller continues with its present failures."
         if state.is_learning and not state.monitor_state.relearns:
-            return f"Learning the healthy machine in the first {LEARNING_S:g} s."
+            return f"The diagnosis is calibrated in the first {LEARNING_S:g} s, without failures."
         text = state.status
         if state.sensors.failed:
             text = f"{text[:-1]}; {state.sensors.sentence(self.rig.period_s)}."

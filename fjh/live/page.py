@@ -54,7 +54,9 @@ class LocalServer(viser.ViserServer):
             raise WrongInput(f"viser {version} is not supported: pip install viser==1.1.1")
         if port not in (None, self.get_port()):
             self.stop()
-            raise WrongInput(f"--port {port}: another program listens there; leave --port out")
+            raise WrongInput(
+                f"--port {port} is used by another program: choose another, or omit --port"
+            )
 
     def stop(self) -> None:
         """Stop the server without output."""
@@ -114,7 +116,7 @@ class Page:
 
     def _replace(self, why: str) -> int:
         self.session.restart()
-        self._panel.reset(f"{why}: these are new machines, healthy and at rest.")
+        self._panel.reset(f"{why}: the page shows new machines, healthy and at rest.")
         return self.session.tick
 
     def _do(self, action: Callable[..., object], *arguments: Any) -> None:

@@ -19,7 +19,7 @@ from fjh.rig.units import norms_text
 from sim import Array
 
 _KINDS: dict[str, Kind] = {"healthy": HEALTHY, "lock": "locked", "free": "free", "weak": "weak"}
-LASTING = {"hum": "Hum", "stuck": "Stuck sensor", "sag": "Sagging supply"}
+LASTING = {"hum": "Hum", "stuck": "Stuck sensor", "sag": "Low supply voltage"}
 _PLOTTED = 250
 """Number of frames in the plot of errors."""
 _WEIGHTS = 0.1, 10.0
@@ -49,7 +49,7 @@ class Panel:
         )  # fmt: skip
         self._add_failures(gui)
         self._add_control(gui)
-        view = gui.add_slider("motion times", 1, 10 * stage.factor, 1, stage.factor)
+        view = gui.add_slider("Magnification", 1, 10 * stage.factor, 1, stage.factor)
         view.on_update(lambda _: setattr(stage, "factor", view.value))
         gui.add_button("Save the last minute").on_click(lambda _: do(save))
         gui.add_button("New machines").on_click(lambda _: do(self._restart))
@@ -58,14 +58,14 @@ class Panel:
     def _add_failures(self, gui: viser.GuiApi) -> None:
         session = self._session
         self._groups = list[viser.GuiButtonGroupHandle]()
-        with gui.add_folder("Break an actuator"):
+        with gui.add_folder("Failures of actuators"):
             for k, name in enumerate(session.rig.actuators):
                 group = gui.add_button_group(name, list(_KINDS))
                 self._groups.append(group)
                 group.on_click(
                     lambda event, k=k: self._do(session.make, k, _KINDS[event.target.value])
                 )
-        with gui.add_folder("Disturb"):
+        with gui.add_folder("Disturbances"):
             bump = gui.add_button("Bump", hint=EVENTS["bump"].sentence)
             bump.on_click(lambda _: self._do(self._bump))
             self._lasting = {}
@@ -98,7 +98,7 @@ class Panel:
 
     def _restart(self) -> None:
         self._session.restart()
-        self.reset("Healthy machines, at rest.")
+        self.reset("New machines, healthy and at rest.")
 
     def reset(self, message: str) -> None:
         """Clear plot and disturbances after a restart, and set the message."""

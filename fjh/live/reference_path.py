@@ -57,7 +57,7 @@ def reference_path(
     demands = rig.feedforward_demands(desired)
     if former is not None:
         part = np.linspace(0.0, 1.0, switch, endpoint=False)[:, None]
-        fades = 1.0 - part**3 * (10.0 - 15.0 * part + 6.0 * part**2)  # without a jerk
+        fades = 1.0 - part**3 * (10.0 - 15.0 * part + 6.0 * part**2)  # minimum jerk
         was_desired, was_demanded = former.at(tick + np.arange(switch))
         desired[:switch] += fades * was_desired
         if demands is not None and was_demanded is not None:

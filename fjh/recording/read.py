@@ -67,7 +67,7 @@ def read_run(path: Path, machine: Path | None = None) -> RecordedRun:
     arrays, recording = read_arrays(path), path.with_suffix(".rrd")
     is_published = set(PUBLISHED.values()) <= arrays.keys()
     if not is_published and (missing := [name for name in _OF_ANY if name not in arrays]):
-        raise NoRunError(f"{path} is not a run of the hexapod or another robot: no {missing[0]}")
+        raise NoRunError(f"{path} is not a run of any robot: it has no {missing[0]}")
     parameters, study, content = dict[str, Any](), "", None
     if recording.is_file():
         parameters, results = groups_of(recording)
@@ -101,7 +101,7 @@ def _json(recording: Path, text: str) -> dict[str, Any]:
         content = json.loads(text)
         if isinstance(content, dict) and content.keys() == {field.name for field in fields(Stated)}:
             return content
-    raise WrongInput(f"{recording} was recorded by an earlier version, and cannot be read back")
+    raise WrongInput(f"{recording} is of another version of fjh and cannot be read: simulate again")
 
 
 def _stated(content: dict[str, Any]) -> Stated:
@@ -156,7 +156,7 @@ def _check_arrays(arrays: Mapping[str, Array], stated: Stated, nq: int) -> None:
         if name.startswith("measured"):
             values = np.where(np.isnan(values), 0.0, values)  # sensor samples may be missing
         if not np.abs(values).max(initial=0.0) <= LARGEST:
-            raise ValueError(f"{name} must be at most {LARGEST:g} everywhere")
+            raise ValueError(f"values of {name} must be at most {LARGEST:g}")
     steps_s = np.diff(arrays["time_s"])
     if N < 2 or not (steps_s.min() > 0 and np.ptp(steps_s) <= _UNEVEN * steps_s.max()):
         raise ValueError("time_s must increase in equal steps, of two ticks at least")

@@ -72,7 +72,7 @@ def record(path: str | Path, rig: Rig, run: Run) -> None:
     file = Path(check.instance("path", path, str, Path))
     nq = check.instance("rig", rig, Rig).model.nq
     if check.instance("run", run, Run).qpos.shape[1] != nq:
-        raise ValueError(f"run must be of this rig, of {nq} joint positions, got {run}")
+        raise ValueError(f"run must be of this rig, with {nq} joint positions, got {run}")
     folder = usable_file(file, ".rrd", option="path")
     parameters = {"control_period_s": rig.period_s} | version_properties({"versions": versions()})
     about = About("record", file.stem, notes=[run.status], parameters=parameters)

@@ -62,7 +62,7 @@ def rig_dither(rig: "Rig", requested: str) -> DitherDesign | None:
         if requested != "default":
             return _designed(rig, frequencies, size)
         design = _designed(rig, frequencies, min(size, COST_PART * rig.noise))
-    except ValueError as error:  # an undamped mode at that frequency
+    except ValueError as error:  # for example an undamped mode at this frequency
         raise WrongInput(f"dither {requested}: {error}") from None
     return design if design is not None and design.separations.isolable() else None
 

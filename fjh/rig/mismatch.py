@@ -128,7 +128,7 @@ def sizes_of(mismatch: Known | Mismatch, everything: Mismatch, unknown: Sequence
         )
     for name in unknown:
         if getattr(sizes, name) != getattr(EXACT, name):
-            raise WrongInput(f"this robot has no mismatch of {name}, got {getattr(sizes, name)}")
+            raise WrongInput(f"{name} does not apply to this robot, got {getattr(sizes, name)}")
     return sizes
 
 

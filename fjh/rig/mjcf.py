@@ -35,7 +35,7 @@ def rig_of(model: Path | None, options: RobotOptions) -> Rig:
         robot_only = option.name not in ("size", "feedforward")
         if robot_only and getattr(options, option.name) != option.default:
             flag = f"--{option.name.replace('_', '-')}"
-            raise WrongInput(f"{flag} needs a MODEL.xml: the hexapod of the testbed has its own")
+            raise WrongInput(f"{flag} needs a MODEL.xml: it does not apply to the hexapod")
     return Rig.hexapod(size=options.size, feedforward=options.feedforward == "on")
 
 

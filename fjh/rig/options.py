@@ -55,36 +55,38 @@ BOUNDS = {
 
 Model = Annotated[
     Path | None,
-    Option(metavar="MODEL.xml", help="The robot, MJCF.  [default: the hexapod]", positional=True),
+    Option(
+        metavar="MODEL.xml", help="MJCF file of the robot.  [default: the hexapod]", positional=True
+    ),
 ]
 MachineFile = Annotated[
     Path | None,
-    Option(metavar="FILE", help="Another machine file, MJCF.  [default: the hexapod]"),
+    Option(metavar="FILE", help="MJCF file of another hexapod.  [default: the testbed's]"),
 ]
 Site = Annotated[
-    str, Option(metavar="NAME", help="Task frame: a site, or a body, by name or number.")
+    str, Option(metavar="NAME", help="Task frame: a site or a body, by name or number.")
 ]
 Axes = Annotated[
-    str | None, Option(metavar="NAME", help="Site that gives the axes.  [default: world]")
+    str | None, Option(metavar="NAME", help="Site whose axes the rows have.  [default: world]")
 ]
 MAJOR = Option(
     metavar="ROWS",
-    help="Major rows of the twist [rx, ry, rz, x, y, z], turns about axes and then motions along "
-    "them: controlled exactly. Names, such as x,y,z, or numbers, 0 to 5.",
+    help="Rows of the twist to control exactly: names among rx, ry, rz (rotations), x, y, z "
+    "(translations), or numbers 0 to 5.",
 )
 Keyframe = Annotated[
     str | None,
     Option(
         metavar="KEY",
-        help="Where the robot starts: name or number.  [default: the first, or qpos0]",
+        help="Keyframe of the start, by name or number.  [default: the first, or qpos0]",
     ),
 ]
 Pinned = Annotated[
     tuple[str, ...] | None,
     Option(
         metavar="NAME,...",
-        help="Sites or bodies fixed to the world, such as feet: welded at the robot's start, or "
-        "NAME:point, which may rotate.",
+        help="Sites or bodies fixed to the world, such as feet: NAME is welded at the robot's "
+        "start, NAME:point may rotate.",
     ),
 ]
 Turn = Annotated[
@@ -97,10 +99,10 @@ Dither = Annotated[
         metavar="HZ",
         help="A small motion in the null space of the major rows, for the diagnosis: none, "
         "designed (the direction and frequency that separate failures best, at 2, 5, 10 or 20 "
-        f"Hz), or a frequency in Hz. No actuator moves further than {DITHER_SIZE:g} of what the "
-        f"path moves one, and by dynamics no major row further than {DITHER_SIZE:g} of the path's "
-        "size. default: designed at 10 or 20 Hz, and no major row moves further than "
-        f"{COST_PART:g} of the noise of a sample; none where no failure is separated by it.",
+        f"Hz), or a frequency in Hz. No actuator moves more than {DITHER_SIZE:g} times its motion "
+        f"on the path, and no major row more than {DITHER_SIZE:g} times the path's size. default: "
+        f"designed at 10 or 20 Hz, with major rows moving at most {COST_PART:g} standard "
+        "deviations of a sample; none if it separates no failure.",
     ),
 ]
 Controller = Annotated[
@@ -135,7 +137,7 @@ class RobotOptions:
         Sensing,
         Option(
             help="task: a sensor of the major rows; joints: encoders, and forward kinematics; "
-            "both: the diagnosis looks at both."
+            "both: the diagnosis uses both."
         ),
     ] = "both"
     noise: Annotated[
@@ -143,8 +145,8 @@ class RobotOptions:
         Option(
             metavar="SIGMA",
             help="Standard deviation of one sample of each sensor, [rad] or [m].  [default: a "
-            "hundredth of what a path of the default size moves it: of a row 0.01 mrad, or 1e-5 "
-            "of the model's extent]",
+            "hundredth of the signal's amplitude on a path of the default size: for a row 0.01 "
+            "mrad, or 1e-5 of the model's extent]",
         ),
     ] = None
     crossover: Annotated[
@@ -158,31 +160,28 @@ class RobotOptions:
     feedforward: Annotated[
         Feedforward,
         Option(
-            help="Whether the path is demanded through the inverse of the linear model, and the "
-            "loops add to it. By default on; off for the hexapod, as in the paper."
+            help="Feedforward of the path through the inverse of the linear model, in addition to "
+            "the loops. By default on; off for the hexapod, as in the paper."
         ),
     ] = "default"
     period: Annotated[
-        float, Option(metavar="S", help="Control period, in whole physics steps.")
+        float, Option(metavar="S", help="Control period: a whole number of physics steps.")
     ] = 1e-3
     joint_weight: Annotated[
         tuple[float, ...] | None,
         Option(
             metavar="W,...",
-            help="W1, one number or one an actuator.  [default: 1, unless there is a secondary "
-            "weight]",
+            help="W1 of the actuators, one number or one for each.  [default: 1, without a "
+            "secondary weight]",
         ),
     ] = None
     secondary_weight: Annotated[
         tuple[float, ...] | None,
-        Option(metavar="W,...", help="W2, one number a secondary row."),
+        Option(metavar="W,...", help="W2 of the other rows, a number for each."),
     ] = None
     limits: Annotated[
         Limited,
-        Option(
-            help="Displacements of the actuators: within the ranges that the file states, or "
-            "unlimited."
-        ),
+        Option(help="Limits of the actuators' displacements: ranges stated in the file, or none."),
     ] = "stated"
     keyframe: Keyframe = None
     pinned: Pinned = None
@@ -190,7 +189,7 @@ class RobotOptions:
         float | None,
         Option(
             metavar="HZ",
-            help="Natural frequency of the position servos that torque motors get.",
+            help="Natural frequency of position servos added to torque motors.",
         ),
     ] = None
 
@@ -255,7 +254,7 @@ def weights_of(name: str, given: Any) -> tuple[float, ...]:
         values = tuple(float(part) for part in _parts(given))
     except ValueError:
         raise WrongInput(
-            f"{name} must be numbers with commas between, got {short(given)}"
+            f"{name} must be numbers separated by commas, got {short(given)}"
         ) from None
     if not all(0 <= value <= LARGEST_WEIGHT for value in values):
         raise WrongInput(f"{name} must be from 0 to {LARGEST_WEIGHT:g}, got {short(given)}")

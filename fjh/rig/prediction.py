@@ -129,7 +129,7 @@ def _changes(
         else informed
     )
     if len(times) != len(failures):
-        expected = f"a time for each of {len(failures)} failures"
+        expected = f"True, False or a time for each of {len(failures)} failures"
         raise ValueError(f"told must be {expected}, got {check.short_repr(informed)}")
     changes = dict[int, list[tuple[Fault, bool]]]()
     for failure, known_s in zip(failures, times, strict=True):
@@ -137,7 +137,7 @@ def _changes(
             if at_s is not None:
                 if check.number("told", at_s) < failure.time_s:
                     given = check.short_repr(informed)
-                    raise ValueError(f"told must be no times before the failures, got {given}")
+                    raise ValueError(f"told must have no time before its failure, got {given}")
                 tick = tick_of(at_s, rig.period_s)
                 changes.setdefault(tick, []).append((Fault.of(failure), is_known))
     return sorted(changes.items())

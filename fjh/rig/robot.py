@@ -162,7 +162,7 @@ def warnings_of(robot: Robot) -> tuple[str, ...]:
     scene, free = robot.scene, robot.linear.unobservable_joints
     return (
         *left_out_of(robot),
-        *([f"no force restores, and no task depends on, {listed(free)}"] if free else ()),
+        *([f"neither forces nor the task determine {listed(free)}"] if free else ()),
         *scene.start_warnings,
         *robot.mechanism.nominal.warnings,
         *beyond_linear(scene.task_model, scene.task_start),

@@ -343,9 +343,9 @@ def _undiagnosed(state: Any, names: Sequence[str]) -> str:
         return _UNEXPLAINED
     if state.monitor_state.alarm_ticks:
         causes = dict.fromkeys(explanation(cause, names) for cause in state.monitor_state.causes)
-        return f"there was an alarm, explained by {' and '.join(causes) or 'nothing yet'}"
+        return f"there was an alarm, attributed to {' and '.join(causes) or 'no cause yet'}"
     if state.is_learning:
-        return f"it assumes that nothing fails in the first {LEARNING_S:g} s"
+        return f"the diagnosis assumes that nothing fails in the first {LEARNING_S:g} s"
     return "the sensors agree with the prediction of the model without a failure"
 
 
@@ -354,7 +354,7 @@ def status_of(rig: "Rig", state: Any, diagnosed: Sequence[DiagnosedFailure]) -> 
     sensors: Sensors | None = getattr(state, "sensors", None)
     read = ""
     if sensors is not None and sensors.failed:
-        read = f"; at its end {sensors.sentence(rig.period_s)}"
+        read = f"; at the end of the run {sensors.sentence(rig.period_s)}"
     if not isinstance(state, SupervisorState):
         return f"This controller does not diagnose{read}."
     sentence = "; ".join(map(str, diagnosed)) or (

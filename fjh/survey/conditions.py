@@ -69,7 +69,7 @@ class Survey(NamedTuple):
         if missing := " and ".join(name for name, values in worst.items() if values is None):
             yield (
                 f"The {missing} left in the worst direction was not computed: too many sets of "
-                "actuators would have to be searched; fewer major rows need fewer."
+                "actuators would have to be searched; choose fewer major rows."
             )
 
 
@@ -110,7 +110,7 @@ def most_failures(n: int) -> int:
 
 
 def conditions_up_to(n: int, failures: int) -> int:
-    """Return the number of conditions with at most `failures` failures, including the healthy one."""
+    """Return the number of conditions with at most `failures` failures, also without failure."""
     return sum(comb(n, count) * len(KINDS) ** count for count in range(failures + 1))
 
 

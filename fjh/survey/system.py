@@ -301,7 +301,7 @@ def numbers(option: str, text: str, counts: set[int]) -> Array:
     if values.size not in counts or not (np.abs(values) < LARGEST).all():
         expected = " or ".join(map(str, sorted(counts)))
         raise WrongInput(
-            f"{option} must be {expected} numbers below {LARGEST:g}, or a file of them, got "
+            f"{option} must be {expected} numbers below {LARGEST:g}, or a file with them, got "
             f"{text:.80} with {values.size}"
         )
     return values

@@ -115,10 +115,10 @@ class Event:
             requirement = f"a name, or a number from 0 on, got {check.short_repr(self.actuator)}"
             raise ValueError(f"actuator must be {requirement}")
         if self.kind.of == "actuator" and self.actuator is None:
-            raise ValueError(f"{self.name} acts on one actuator, which must be given")
+            raise ValueError(f"actuator of {self.name} must be given: it acts on one actuator")
         if self.kind.of != "actuator" and self.actuator is not None:
             raise ValueError(
-                f"{self.name} acts on no single actuator, got {check.short_repr(self.actuator)}"
+                f"actuator of {self.name} must be None, got {check.short_repr(self.actuator)}"
             )
 
     @classmethod
@@ -129,7 +129,7 @@ class Event:
             ValueError, TypeError: The text has another form, or the event is invalid.
         """
         if not isinstance(text, str):
-            raise TypeError(f"text must be that of an event, got {check.short_repr(text)}")
+            raise TypeError(f"text must be a str, got {check.short_repr(text)}")
         what, _, time_s = text.rpartition("@")
         name, _, actuator = what.partition(":")
         try:
@@ -196,7 +196,7 @@ def lost_spring(target: "Target") -> Effect:
 
 
 @actuator_event("half_over", "half of the full input from then on", _UNMOVED, part=0.5)
-@actuator_event("hard_over", "full input from then on, at a random end", _UNMOVED, part=1.0)
+@actuator_event("hard_over", "full input from then on, in a random direction", _UNMOVED, part=1.0)
 def constant_input(target: "Target", part: float) -> Effect:
     """Set the input to a fraction of full input, in a random direction."""
     end = target.limits[target.rng.integers(2)]
@@ -221,7 +221,9 @@ def lagging(target: "Target", lag_s: float) -> Effect:
 @actuator_event(
     "drift", "an offset grows in 1 s by 0.6 of the path's motion", cause="offset", rate=0.6
 )
-@actuator_event("offset", "an offset of three times what the path moves", cause="offset", size=3.0)
+@actuator_event(
+    "offset", "an offset of three times the motion on the path", cause="offset", size=3.0
+)
 def offset_input(target: "Target", size: float = 0.0, rate: float = 0.0) -> Effect:
     """Add a displacement and a ramp per second of random sign, in amplitudes of the path."""
     per_amplitude = float(target.rng.choice([-1.0, 1.0])) * target.input(target.amplitude)
@@ -303,7 +305,7 @@ actuator_event("free_returns", "no force for 0.5 s, then full force", ("free",),
 
 
 @actuator_event(
-    "rubbing", "dry friction: half of the force that the path takes", ("locked", "weak"), part=0.5
+    "rubbing", "dry friction: half of the force that the path needs", ("locked", "weak"), part=0.5
 )
 def dry_friction(target: "Target", part: float) -> Effect:
     """Add dry friction, as a fraction of the force of spring and servo on the path."""

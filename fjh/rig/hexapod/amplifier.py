@@ -38,7 +38,7 @@ class Amplifier:
     def __post_init__(self) -> None:
         """Check the arguments."""
         if not 2 <= check.integer("bits", self.bits) <= 53:
-            raise ValueError(f"bits must lie in 2..53, got {check.short_repr(self.bits)}")
+            raise ValueError(f"bits must be from 2 to 53, got {check.short_repr(self.bits)}")
         for name in ("full_input_a", "limit_a", "newton_per_a", "newton_per_m"):
             check.number(name, getattr(self, name), check.SMALLEST)
 
@@ -115,7 +115,8 @@ def displacement_limits(
         currents = check.array("current_limit_a", current_limit_a, least=0.0)
         if currents.shape not in ((), lower.shape):
             raise ValueError(
-                f"current_limit_a must be one number or {len(lower)}, got shape {currents.shape}"
+                f"current_limit_a must be one number or {len(lower)} numbers, "
+                f"got shape {currents.shape}"
             )
         limit_m = currents * amplifier.newton_per_a / amplifier.newton_per_m
         least_m, most_m = np.maximum(least_m, -limit_m), np.minimum(most_m, limit_m)

@@ -81,8 +81,8 @@ def _designed(plant: LinearPlant, pointing: Array, bench: TestbedConfig, row: in
         return compensator(channel, shape, bench.control_period_s)
     except UnstableLoop:
         raise ModelError(
-            f"the {angle} loop is unstable on this machine at a crossover of {hz} Hz: lower it, "
-            "or give the struts more damping"
+            f"the {angle} loop is unstable on this machine at a crossover of {hz} Hz: choose "
+            "a lower crossover, or give the struts more damping"
         ) from None
     except NoResponse:
         raise ModelError(f"the coils do not move {angle}") from None

@@ -56,5 +56,5 @@ def test_diverged_machines_are_replaced_with_a_message(page, monkeypatch):
 def test_neither_a_tunnel_nor_a_port_of_another_program_is_opened(page):
     """The method that viser calls when a client clicks on sharing opens no tunnel."""
     assert page._server.request_share_url() is None
-    with pytest.raises(WrongInput, match="another program listens there; leave --port out"):
+    with pytest.raises(WrongInput, match="used by another program"):
         LocalServer(page._server.get_port())
