@@ -84,8 +84,8 @@ def survey(
         float | None,
         Option(
             metavar="HZ",
-            help="Natural frequency of the position servos that --sensors assumes in place of other "
-            "actuators.",
+            help="Natural frequency of the position servos that --sensors assumes instead of "
+            "other actuators.",
         ),
     ] = None,
     on_progress: OnProgress,
