@@ -15,7 +15,7 @@ from fjh.study.untrusted_files import read_json
 
 
 def repeat_run(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
-    """Simulate a run of a dataset again.
+    """Simulate a run of a dataset again, and compare it with its stored row.
 
     Args:
         folder: Folder with the results of `fjh paper recover`, `fjh paper sweep` or
@@ -23,12 +23,12 @@ def repeat_run(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
         case: Number of the run, in the column `case`.
 
     Returns:
-        The run; and a frame with a row for each measured quantity, with the `stored` value, the
-        value `flown` now, and whether both are the `same` to 1e-9, which they need not be under
-        other versions of this project or its packages.
+        The run, and a data frame with a row for each measured quantity: its `stored` value, its
+            value `flown` now, and whether these are the `same` to 1e-9. Other versions of this
+            project or its packages may cause differences.
 
     Raises:
-        WrongInput: The folder has no such dataset or run, or its runs cannot be repeated.
+        WrongInput: The folder has no such dataset or run, or the run cannot be repeated.
     """
     contents = [read_json(file) for file in sorted(Path(folder).glob("*.json"))]
     summary = next(
