@@ -50,7 +50,7 @@ def test_diverged_machines_are_replaced_with_a_message(page, monkeypatch):
     monkeypatch.setattr(page.session, "advance", diverge)
     page.advance(0.005, until=np.inf)
     assert page.session.states == ["healthy"] * 6 and page.session.tick == 5
-    assert "these are new machines" in page._panel.message
+    assert "the page shows new machines" in page._panel.message
 
 
 def test_neither_a_tunnel_nor_a_port_of_another_program_is_opened(page):
