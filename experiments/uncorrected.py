@@ -281,7 +281,7 @@ def by_angle(name: str, values: Any) -> dict[str, float]:
 def simulate_column(
     candidate: Candidate, column: str, seed: int, duration_s: float
 ) -> tuple[dict[str, Any], Run | None]:
-    """Predict a column of a candidate by the linear model; simulate it if possible.
+    """Predict a candidate's column by the linear model; simulate it, of `IN_PART` only W_a.
 
     The row has no prediction if the loop is unstable or saturates, and the time of a divergence.
     """

@@ -26,7 +26,7 @@ _MARKUP = re.compile(
 
 @dataclass(frozen=True)
 class Check:
-    """Check that a number is below its limit, without which the study is not valid; NaN fails."""
+    """Number that must stay below its limit for the study to be valid; NaN fails."""
 
     what: str  # name of the number, with its unit
     where: str  # run or condition
@@ -35,7 +35,7 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """True if the number is below the limit."""
+        """True if the value is below the limit."""
         return bool(self.value < self.limit)
 
     def row(self) -> dict[str, Any]:
@@ -49,7 +49,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Picture:
-    """Figure of a study, with caption and files."""
+    """A figure of a study."""
 
     name: str  # name of its files, without suffix
     caption: str
@@ -59,11 +59,11 @@ class Picture:
 
     @property
     def file(self) -> str:
-        """Name of the file that pages show."""
+        """Name of the file for pages."""
         return f"{self.name}.{self.formats[0]}"
 
     def files(self) -> Mapping[str, bytes]:
-        """Return the contents of the figure's files by name, reproducible to the byte."""
+        """Return the contents of its files by name; they are reproducible to the byte."""
         from fjh.study.plotting import printed
 
         return printed(self.plot(), self.name, self.formats)
@@ -74,8 +74,8 @@ class TableView:
     """View of a data frame as a printed table.
 
     Attributes:
-        title: Title that describes the rows.
-        frame: Table of the result, or some of its rows.
+        title: Description of the rows.
+        frame: A table of the result, or some of its rows.
         columns: Names of the printed columns, each with an optional format after a colon:
             "strategy rms_urad:.0f". Cells of missing values are empty.
         legend: Meaning of the columns, where title and names are not sufficient.
@@ -117,12 +117,12 @@ def literal(text: str) -> str:
 
 @dataclass(frozen=True)
 class Result:
-    """Result of a study, valid if all checks passed.
+    """Result of a study; it is valid if all checks passed.
 
     Attributes:
         settings: Conditions of the study that are not in the rows; units are in the names.
-        tables: Data frames by name, a row for each run or condition, with units in the names of the
-            columns. The first table is that of the runs.
+        tables: Data frames by name, a row for each run or condition; units are in the names of
+            the columns. The first is that of the runs.
         checks: Conditions for the numbers to be valid.
         views: Printed tables.
         notes: Sentences below the tables.
@@ -130,7 +130,7 @@ class Result:
         arrays: Contents of `.npz` files by file name.
         records: Functions that write further files, such as recordings, into a given folder.
         overall: Results of the whole study, not of single rows; units are in the names.
-        rows: Rows of a study of many runs, written to NAME.parquet only.
+        rows: Row for each run of a study of many runs, written to NAME.parquet only.
     """
 
     settings: Mapping[str, Any]
@@ -145,7 +145,7 @@ class Result:
     rows: pd.DataFrame | None = None
 
     def summary(self, name: str) -> dict[str, Any]:
-        """Return the contents of the JSON file NAME.json, with tables as lists of rows."""
+        """Return the contents of the JSON file of a study of this name: tables as lists of rows."""
         dataset = {} if self.rows is None else {"dataset": f"{name}.parquet"}
         return {
             "experiment": name,
@@ -159,7 +159,7 @@ class Result:
 
     @property
     def failed(self) -> list[str]:
-        """Sentences on the checks that failed."""
+        """Sentence on each check that failed."""
         return [str(check) for check in self.checks if not check.passed]
 
     @property
@@ -170,7 +170,7 @@ class Result:
         return f"All checks passed ({len(self.checks)})." if self.checks else "No checks."
 
     def markdown(self) -> str:
-        """Return tables, notes and figures as a page of Markdown."""
+        """Return tables, notes and figures as one page of Markdown."""
         notes = "\n".join(f"- {literal(note)}" for note in self.notes)
         figures = [
             f"![{literal(picture.alt)}]({picture.file})\n\n{literal(picture.caption)}"
@@ -219,12 +219,11 @@ class Result:
 
 
 def origin(seed: int, **models: Path) -> dict[str, Any]:
-    """Return the settings that every result has: seed, package versions, SHA-256 of machine files.
+    """Return the settings of every result: seed, package versions, SHA-256 of the machine file.
 
     Args:
         seed: Seed of all random numbers of the study.
-        models: Further machine files by name; with any, SHA-256 are listed by name, the hexapod's
-            as `fjh`.
+        models: Further machine files by name; then the SHA-256 are by name, the hexapod's `fjh`.
     """
     hexapod = model_sha256()
     hashes = {"fjh": hexapod} | {name: model_sha256(file) for name, file in models.items()}
@@ -232,13 +231,13 @@ def origin(seed: int, **models: Path) -> dict[str, Any]:
 
 
 def check(what: str, values: Any, below: float, where: str = "") -> list[Check]:
-    """Return checks that numbers are below a limit; NaN fails.
+    """Return checks that numbers stay below a limit; NaN fails.
 
     Args:
         what: Name of the number, with its unit in brackets.
         values: One number, or a series whose index identifies run or condition.
         below: The limit.
-        where: Run or condition of a single number; for a series, prefix of the index.
+        where: Run or condition of a single number, or prefix of the index.
     """
     if isinstance(values, pd.Series):
         places = [index if isinstance(index, tuple) else (index,) for index in values.index]

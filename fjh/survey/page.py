@@ -54,7 +54,7 @@ _COLUMNS = {
     "^lost_secondary$": "",
     "^share_of_postures$": ":.0%",
 }
-"""Regular expressions of the printed columns of conditions, and their formats."""
+"""Patterns of the printed columns of conditions, and their formats."""
 _LEGEND = (
     "left: fraction of the value without failures, in the worst direction within the limits. "
     "relative_manipulability: sqrt(det J_m J_m^T) over that without failures. largest_gain: "
