@@ -228,7 +228,6 @@ def _map(axes: Axes, classes: Sequence[Classification]) -> None:
 
 
 def _by_failures(axes: Axes, classes: Sequence[Classification]) -> None:
-    """Plot the fraction of conditions in each class over the number of failures."""
     conditions = np.sum([entry.by_failures for entry in classes], axis=0)
     left, rows = np.zeros(len(conditions)), range(len(conditions))
     for entry in classes:

@@ -45,8 +45,7 @@ CHANGES = {
     "difference_rms_urad": "RMS of the change of pointing, tick by tick",
     "difference_peak_urad": "largest change of pointing at one tick",
 }
-"""Measures of the change of pointing by a goal; another noise seed must change it more.
-"""
+"""Measures of the change of pointing by a goal; another noise seed must change it more."""
 DETAILS = "temperature_c", "singular_values"
 """Names of further arrays that a recording shows, if the run has them."""
 
@@ -456,7 +455,6 @@ def _measure(axes: Axes, goal: SecondaryGoal, runs: Mapping[str, GoalRun]) -> No
 
 
 def _changes(axes: Axes, changes: pd.DataFrame, runs: pd.DataFrame) -> None:
-    """Plot the change of pointing by each strategy, divided by that by another noise seed."""
     weights = runs[runs.major_weight > 0].drop_duplicates("name").set_index("name").major_weight
     rows, text = range(len(changes)), ", ".join(f"{weight:g}" for weight in weights)
     for row, compromised in enumerate(changes[weights.index].to_numpy()):

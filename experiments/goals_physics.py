@@ -108,8 +108,7 @@ class GoalRun:
 Loops = tuple[Loop, Loop]
 Rates = Callable[[Array, Pose], Array]
 """Type of functions from commanded strut displacements (6,) and estimated payload pose to desired
-strut rates (6,) [m]/[s], theta_ad of eq. (24).
-"""
+strut rates (6,) [m]/[s], theta_ad of eq. (24)."""
 
 
 # Desired rates and weights of the goals.

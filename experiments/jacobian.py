@@ -70,8 +70,7 @@ COSTS_PERCENT = (1.0, 10.0)  # values for which the size of the spiral is interp
 # Readings of eq. (38): interpretations of the rates of [alpha, beta, gamma, t_x, t_y, t_z].
 
 Reading = Callable[[Pose, Array], Array]
-"""Type of functions from poses (...) and base-axes twists J (..., 6, 6) to compared matrices.
-"""
+"""Type of functions from poses (...) and base-axes twists J (..., 6, 6) to compared matrices."""
 
 VERTICES = np.array(list(product((1.0, -1.0), repeat=6)))
 """Vertices of the box of strut lengths, in units of the stroke."""

@@ -55,8 +55,7 @@ GOALS: dict[FailureKind, dict[str, Goal]] = {
     },
 }
 """Goals of the mapping, by failure and correction: none; for the failure, with springs that
-determine the strut's position; or as for a strut that its damper holds at the centre.
-"""
+determine the strut's position; or as for a strut that its damper holds at the centre."""
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,6 @@ class Where:
     ] = False
 
     def __post_init__(self) -> None:
-        """Check that the scheduler is an address and not combined with a number of workers."""
         if self.scheduler is not None and not re.fullmatch(r"\S+", self.scheduler):
             raise WrongInput(f"--scheduler must be an address, got {self.scheduler!r}")
         if self.scheduler and self.workers:

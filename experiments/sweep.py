@@ -53,8 +53,7 @@ COLUMNS = ("status", "message", "diverged_at_s", "dac_step_urad", "predicted_pol
 TOLERANCE = 0.01
 """Largest relative distance of an RMS from the linear model's under the same noise, in addition to
 one step of the converters. In 40 runs with varied weights, failures, loops, noise and converters
-the largest distance was 44 % of the sum.
-"""
+the largest distance was 44 % of the sum."""
 MOST_POINTS = 2000  # in a figure: more cannot be distinguished
 
 MIRROR = (1, 0, 5, 4, 3, 2)
@@ -118,7 +117,6 @@ def simulate_run(run: SweepRun) -> Run:
 
 
 def _rig(run: SweepRun) -> Rig:
-    """Return the hexapod with the initial goal of a run."""
     goal = run.reconfigured if run.failure_time_s == 0 else run.goal
     return pursuing(_rig_of(run.bench), goal, jacobian=run.jacobian)
 

@@ -54,19 +54,16 @@ CONFIGURATIONS: dict[ConfigurationName, TestbedConfig] = {
     "demand-limit": TestbedConfig(spiral_direction=-1, demand_limit_urad=95.0),
 }
 """Constants of the testbed by configuration. Spiral, crossovers and detector noise are fitted to
-columns W_a to W_e.
-"""
+columns W_a to W_e."""
 LAST_COLUMN = {"calibrated": "predicted", "demand-limit": "fitted"}
 """Origin of the errors in column W_a_uncorrected, by configuration. Other columns have the errors
-of W_a, since J_m M = I for any weights and known lock.
-"""
+of W_a, since J_m M = I for any weights and known lock."""
 
 MOTIONS = ("gamma_urad", "t_x_um", "t_y_um", "t_z_um")  # columns of `secondary`
 BY_NAME = {column.name: column for column in COLUMNS}
 REPRESENTATIVE = ("W_a", "W_d", "W_a_uncorrected")
 """Columns that are simulated also with mismatch and with another controller: no failure, strut 1
-locked and known, strut 1 locked and unknown.
-"""
+locked and known, strut 1 locked and unknown."""
 
 NOT_SIMULATED = (np.nan, np.nan)
 MISMATCH_TOLERANCE = 0.1

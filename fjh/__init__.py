@@ -71,8 +71,7 @@ _PLACES = {
     if name.asname
 }
 """Module and attribute of each exported name; imported on first use, so that mappings do not need
-MuJoCo.
-"""
+MuJoCo."""
 
 __all__ = [name for name in _PLACES if not name.startswith("_")]  # pyright: ignore[reportUnsupportedDunderAll]
 

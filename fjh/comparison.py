@@ -17,8 +17,7 @@ REPEATED, RESAMPLED, OF_LARGEST, LEVEL = 1e-6, 0.05, 0.01, 0.01
 """Thresholds above which a relative change or a significance level counts; see :func:`compare`."""
 SMALLEST, LARGEST, SENTENCE = 1e-9, 1e9, 40
 """Smallest and largest compared number (beyond: round-off, or its reciprocal), and longest compared
-text.
-"""
+text."""
 ORIGIN = {"versions", "model_sha256", "machine", "basis", "took"}
 SETTINGS = {"seed", "duration_s", "configuration", "jacobian", "bench", "rules", "dither", "robot"}
 """Keys of the settings in results of earlier versions, which do not list them."""
@@ -214,7 +213,6 @@ def shifted(a: pd.DataFrame, b: pd.DataFrame) -> tuple[pd.DataFrame, int]:
 
 
 def _failing(a: dict[str, Any], b: dict[str, Any]) -> pd.DataFrame:
-    """Return the checks that fail only in the second result."""
     failed = [[check for check in one.get("checks", []) if not check["passed"]] for one in (a, b)]
     former = {(check["what"], check["where"]) for check in failed[0]}
     new = [check for check in failed[1] if (check["what"], check["where"]) not in former]

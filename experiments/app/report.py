@@ -106,7 +106,6 @@ def run_report(
 def _run(
     name: str, folder: Path, values: Mapping[str, Any], label: str, show: bool
 ) -> dict[str, Any]:
-    """Run a study into its folder; return its entry in `report.json`."""
     function, start = study(name), time.perf_counter()
     try:
         # Unfinished runs of the same study are continued.
@@ -126,7 +125,6 @@ def _run(
 
 
 def _command(function: Study, values: Mapping[str, Any], folder: Path) -> str:
-    """Return the command line that reproduces the numbers of a study."""
     arguments = [*command_of(function.__name__), *command_arguments(function, values)]
     return shlex.join([*arguments, "--out", str(folder)])
 

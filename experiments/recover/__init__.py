@@ -66,8 +66,7 @@ RECORDED = {
     ),
 }
 """Failures of the recorded runs, by name. After the cascade only struts 3 and 6 work, which act in
-one direction of the (alpha, beta) plane.
-"""
+one direction of the (alpha, beta) plane."""
 
 
 def recover(

@@ -28,8 +28,7 @@ from sim.plant import FailureKind
 BENCH = TestbedConfig()
 Sort = Literal["failure", "size", "pair", "healthy", "event"]
 """Purpose of a case: a failure, compared with an informed controller; a size of mismatch, with the
-supervisor only; two failures; none; or an event, compared with a controller without diagnosis.
-"""
+supervisor only; two failures; none; or an event, compared with a controller without diagnosis."""
 
 
 @dataclass(frozen=True)
@@ -131,8 +130,7 @@ BEFORE_S, AFTER_S = 1.2, 2.5
 """Durations [s] of a run of the hexapod before and after the failure."""
 COURSES = 6
 """Number of paths for each event: the spiral (as in the testbed, and with two other speeds and
-radii), a circle, steps, a constant position.
-"""
+radii), a circle, steps, a constant position."""
 
 _STREAMS: dict[Sort, int] = {"failure": 2, "size": 2, "pair": 4, "healthy": 5, "event": 6}
 _HEALTHY_AMONG_EVENTS, _EVENTS_OF_ROBOTS = 7, 8
@@ -143,8 +141,7 @@ _EARLY = (2, 9)
 """Indices, of every twelve cases, with the event in the learning phase of the diagnosis."""
 _LEARNED_S, _LEFT_S, _AFTER_ROBOT_EVENT_S = 0.8, 1.0, 1.5
 """Durations [s] in runs of other robots: learning phase (excluded from errors), time after
-recovery, time after an event.
-"""
+recovery, time after an event."""
 _HEALTHY_S, _HEALTHY = 6.0, 3
 """Duration [s] and number of healthy runs of other robots for each sensor configuration."""
 
@@ -170,8 +167,7 @@ WHOLE: list[Block] = [
 ]
 """Blocks of the full study. With 95 % confidence, 306 of 306 correct cases imply a rate above 98.8
 %, 60 of 60 one above 94 %. The three cases of each size (locked, free, weak) only show where the
-diagnosis fails.
-"""
+diagnosis fails."""
 QUICK: list[Block] = [
     ("failure", "exact", 1.0, 1),
     ("failure", "all", 1.0, 3),
@@ -264,7 +260,6 @@ def around(case: Case, after_s: float = AFTER_S) -> Case:
 
 
 def _time_s(rng: np.random.Generator, low_s: float, high_s: float) -> float:
-    """Sample a time in whole control periods [s]."""
     return round(float(rng.uniform(low_s, high_s)), 3)
 
 

@@ -33,8 +33,7 @@ AMBIGUOUS = 6.18
 ISOLABLE = 10.0
 """Least distance of isolable failures, chosen before the study: in the linear model, outputs of
 half a second differ by this from those of every other hypothesis (mean odds e^50). The isolation
-rate counts only isolable failures.
-"""
+rate counts only isolable failures."""
 EVIDENCE_S, DITHER_EVIDENCE_S = 0.5, 0.1
 """Durations of the evidence [s]: in general, and in the design of the dither, which reduces delays.
 """

@@ -23,8 +23,7 @@ from sim import Array, Failure, SimulationDiverged
 CONTROLLERS = ("supervised", "informed", "unaware")
 SPANS = ("before", "during", "after", "since")
 """Parts of a run: before the failure or event, from onset to recovery, after recovery, from onset
-on.
-"""
+on."""
 
 COLUMNS = [
     *("case", "sort", "sense", "draw", "mismatch", "factor", "plant_seed", "seed"),
@@ -40,8 +39,7 @@ COLUMNS = [
     *(f"{what}_{c}_{span}" for c in CONTROLLERS for span in SPANS for what in ("rms", "peak")),
 ]
 """Columns of the dataset. `alarm_s` and `named_s` (time of identification) are relative to the
-onset; errors of all major rows together are in sizes of the path.
-"""
+onset; errors of all major rows together are in sizes of the path."""
 
 
 def row_of(case: Case) -> Row:

@@ -18,16 +18,13 @@ WORST = 1.1
 """Required limit of every run's RMS error, relative to that of a controller without diagnosis."""
 NOT_ISOLATED, OVER_INFORMED, ALARMS_PER_HOUR, IDENTIFIED_S = 0.01, 1.10, 0.1, 0.3
 """Goals with all mismatches: fraction of isolable failures that are not identified, RMS error
-relative to an informed controller's, false alarms per hour, median time to identification [s].
-"""
+relative to an informed controller's, false alarms per hour, median time to identification [s]."""
 ENOUGH_H = 30.0
 """Least healthy time [h] that can demonstrate the rate of false alarms. With less time, the check
-is that the lower bound of the rate is below the goal.
-"""
+is that the lower bound of the rate is below the goal."""
 LARGE_ERROR = 10.0
 """Error, in sizes of the path, above which a larger closure residual is accepted: MuJoCo's soft
-constraints open in proportion to the motion.
-"""
+constraints open in proportion to the motion."""
 COUNTED = ("since", "after")
 """Spans in which an increase of the error by the diagnosis is examined."""
 

@@ -163,7 +163,6 @@ _NO_ROWS = np.zeros(0, dtype=np.intp)
 
 
 def _weight(task: TaskFunction, size: int) -> Array:
-    """Return the weight of each row, shape (k,)."""
     weight = np.asarray(1.0 if task.weight is None else task.weight)
     if weight.ndim and len(weight) != size:
         label = check.short_repr(task)

@@ -63,7 +63,6 @@ class Limits:
     distances: Distances | None = None
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         check.flag("ranges", self.ranges)
         for name in ("velocity", "acceleration"):
             value = getattr(self, name)
@@ -511,7 +510,6 @@ def _symmetric(most: Array) -> tuple[Array, Array]:
 
 
 def _pair(both: Array) -> tuple[Array, Array]:
-    """Return the rows of an array (2, N) as read-only vectors."""
     lower, upper = check.read_only(both)
     return lower, upper
 

@@ -11,8 +11,7 @@ from sim import Array, JacobianReader
 
 MISSED = 0.5
 """Largest fraction of the predicted error reduction, or of the target, that a step may fall short
-of.
-"""
+of."""
 NEGLIGIBLE = 1e-14
 """Error in natural units that need not be reduced."""
 _FAR = 1.0
@@ -147,7 +146,6 @@ class StepTest(NamedTuple):
         self.reader.read(there)
 
     def _error(self, part: Part) -> Array:
-        """Return a task's error at the present test state."""
         return part.located.error(self.model, self.data)
 
     def _curvature(self, at: mujoco.MjData, kinematics: Kinematics) -> Array:

@@ -123,7 +123,6 @@ class Page:
         self._clicks.put(partial(action, *arguments))
 
     def _click(self) -> None:
-        """Carry out the clicks since the last call."""
         while not self._clicks.empty():
             try:
                 self._clicks.get()()

@@ -36,8 +36,7 @@ FIXTURES: Mapping[str, rr.AsComponents] = {
         [[[0, 0, 0.17], [0, 0, 0.55]]], colors=[rgb(VERMILION)], radii=[0.002]
     )
 }
-"""Strut numbers and the pointing axis on bodies of the hexapod, by entities below the bodies.
-"""
+"""Strut numbers and the pointing axis on bodies of the hexapod, by entities below the bodies."""
 
 Failing = tuple[Sequence[str], Sequence[tuple[float, str]]]
 """Bodies of a failed actuator, and its labels, each with the time [s] from which it is shown."""

@@ -87,7 +87,6 @@ def check_stated(data: str, run: RunView, stated: Mapping[str, Any]) -> None:
 
 
 def _entries(content: Any) -> Iterator[dict[str, Any]]:
-    """Yield every JSON object in contents, at any depth."""
     if isinstance(content, dict):
         yield content
     if isinstance(content, dict | list):

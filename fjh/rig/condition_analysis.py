@@ -18,8 +18,7 @@ from sim import Array
 Limits = tuple[Array, Array]
 
 LEAST_LEFT = 0.01
-"""Least fraction of the healthy speed, force or effect that remains if a failure is survived.
-"""
+"""Least fraction of the healthy speed, force or effect that remains if a failure is survived."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 
 FREQUENCIES_HZ = {"designed": (2.0, 5.0, 10.0, 20.0), "default": (10.0, 20.0)}
 """Candidate frequencies [Hz]. Only those above the loops' crossovers are used, because loops
-suppress the response below. Identification takes at least one period: by default at most 0.1 s.
-"""
+suppress the response below. Identification takes at least one period: by default at most 0.1 s."""
 
 MEASURED_S = 0.5
 """Duration [s] of the measurements by which a designed dither separates failures."""

@@ -86,7 +86,6 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rig
 def _tracking(
     robot: Robot, plant: Plant, limits: tuple[Array, Array] | None, file: Path
 ) -> Tracking:
-    """Return the control loops of a plant at its start."""
     options = robot.options
     try:
         return tracking(

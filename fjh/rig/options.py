@@ -22,8 +22,7 @@ Limited = Literal["stated", "none"]
 
 Feedforward = Literal["default", "on", "off"]
 """Feedforward of the path through the inverse of the linear model; "default" is "on", but "off" for
-the hexapod, as in the paper.
-"""
+the hexapod, as in the paper."""
 
 JacobianChoice = Literal["analytic", "constant"]
 """Jacobian of the hexapod's mapping: at the estimated pose at every control tick, or at the nominal
@@ -33,8 +32,7 @@ Switch = Literal["on", "off"]
 
 DITHER_SIZE = 0.1
 """Largest dither of an actuator as a fraction of its motion on the path, and of a major row as a
-fraction of the path's size.
-"""
+fraction of the path's size."""
 
 COST_PART = 0.5
 """Largest motion of a major row by the default dither without failures, in standard deviations of
@@ -194,7 +192,6 @@ class RobotOptions:
     ] = None
 
     def __post_init__(self) -> None:
-        """Check all values, and parse text."""
         parsed: dict[str, Any] = {"major": rows_of("major", self.major)}
         for name in ("joint_weight", "secondary_weight"):
             if (value := getattr(self, name)) is not None:

@@ -53,8 +53,7 @@ class Prediction:
 
 InformedAt = bool | Sequence[float | None]
 """Times [s] at which a controller is informed of each failure (None: never); True: all at onset,
-False: none.
-"""
+False: none."""
 
 
 def predicted(
@@ -121,7 +120,6 @@ def predicted(
 def _changes(
     rig: "Rig", failures: Sequence[Failure], informed: InformedAt
 ) -> list[tuple[int, list[tuple[Fault, bool]]]]:
-    """Return by control tick the faults that occur (False) or become known (True)."""
     check.instance("told", informed, bool, list, tuple, np.ndarray)
     times: Sequence[float | None] = (
         [failure.time_s if informed else None for failure in failures]
@@ -144,7 +142,6 @@ def _changes(
 
 
 def _dithered(dither: Dither | None, ticks: int, actuators: int, period_s: float) -> Array:
-    """Return the displacements of the dither at each tick, (N, n)."""
     if dither is None:
         return np.zeros((ticks, actuators))
     return np.array([dither.at(tick * period_s) for tick in range(ticks)])

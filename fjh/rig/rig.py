@@ -387,7 +387,6 @@ class Rig:
         return desired
 
     def _goal(self, goal: Goal | None) -> Goal:
-        """Return the given goal, or that of the rig for None."""
         return self.goal if goal is None else check.instance("goal", goal, Goal)
 
     def feedforward_demands(self, path: Array) -> Array | None:

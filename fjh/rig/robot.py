@@ -27,8 +27,7 @@ _SPRING_SHARE = 0.5
 """Fraction of an actuator's stiffness above which its own spring holds it without force."""
 _NOISE = 1e-2
 """Default sensor noise as a fraction of the signal's amplitude on the default path: the path's size
-for a row, the largest displacement of any actuator for encoders.
-"""
+for a row, the largest displacement of any actuator for encoders."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +152,6 @@ def robot_of(
 
 
 def _usual_size(model: mujoco.MjModel, rows: Sequence[int]) -> float:
-    """Return the default path size in these rows, [rad] if all are rotations, else [m]."""
     return _SIZE if all(row < 3 for row in rows) else _SIZE * float(model.stat.extent)
 
 
@@ -195,7 +193,6 @@ def _start(model: mujoco.MjModel, *, keyframe: str | None, at: Array | None) -> 
 
 
 def _goal(actuators: int, options: RobotOptions) -> Goal:
-    """Return the goal with weights W1 and W2; without either, all joint weights are one."""
     joint, others = options.joint_weight, options.secondary_weight
     if joint is None and others is None:
         joint = (1.0,)
@@ -207,7 +204,6 @@ def _goal(actuators: int, options: RobotOptions) -> Goal:
 
 
 def _weights(name: str, values: tuple[float, ...] | None, count: int) -> tuple[float, ...] | None:
-    """Return `count` weights; a single one is repeated."""
     if values is None or len(values) == count:
         return values
     if len(values) != 1:

@@ -74,7 +74,6 @@ def _matching(patterns: Iterable[str]) -> set[Path]:
 
 
 def _git(*arguments: str) -> str | None:
-    """Return the output of a git command; None if git is missing or fails."""
     try:
         done = subprocess.run(
             ["git", "-C", str(HERE), *arguments], capture_output=True, text=True, check=True

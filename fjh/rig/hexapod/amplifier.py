@@ -36,7 +36,6 @@ class Amplifier:
     newton_per_m: float
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         if not 2 <= check.integer("bits", self.bits) <= 53:
             raise ValueError(f"bits must be from 2 to 53, got {check.short_repr(self.bits)}")
         for name in ("full_input_a", "limit_a", "newton_per_a", "newton_per_m"):

@@ -26,7 +26,6 @@ class Posture(Pose):
     inverse_jacobian: Array
 
     def __post_init__(self) -> None:
-        """Check the arguments, and store read-only copies."""
         super().__post_init__()
         check.freeze_field(self, "displacement_m", 6)
         check.freeze_field(self, "inverse_jacobian", 6, 6)
@@ -66,7 +65,6 @@ class Hexapod:
     top_m: Array
 
     def __post_init__(self) -> None:
-        """Check the arguments, and store read-only copies."""
         for name in ("bottom_m", "top_m"):
             check.freeze_field(self, name, 6, 3)
             check.array(name, getattr(self, name), 6, 3)

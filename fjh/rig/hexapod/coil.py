@@ -35,7 +35,6 @@ class Coils:
     ambient_c: float
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         check.number("resistance_ohm", self.resistance_ohm, check.SMALLEST)
         check.number("heat_capacity_j_per_k", self.heat_capacity_j_per_k, check.SMALLEST)
         check.number("ambient_c", self.ambient_c)

@@ -65,7 +65,6 @@ class Detector:
     noise_m: float
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         check.number("focal_length_m", self.focal_length_m, check.SMALLEST)
         check.number("half_width_m", self.half_width_m, check.SMALLEST)
         check.number("noise_m", self.noise_m, 0.0)

@@ -46,13 +46,11 @@ SAMPLED = ("gain", "stiffness", "damping", "inertia")
 """Sizes that are sampled for each part; `ftc.fdi.uncertainty.TYPICAL` has the diagnosis's prior."""
 
 OTHER = replace(ALL, family="lognormal", **{name: 2 * getattr(ALL, name) for name in SAMPLED})
-"""Mismatch of another family than the diagnosis's prior: log-normal, correlated, twice as wide
-"""
+"""Mismatch of another family than the diagnosis's prior: log-normal, correlated, twice as wide"""
 
 SLIP_M = (0.3e-6, 30e-6)
 """Range of the stretch [m] at which a hysteresis element slips, sampled log-uniformly: from less
-than the dither of 0.5 um to more than the struts move on the spiral.
-"""
+than the dither of 0.5 um to more than the struts move on the spiral."""
 
 ELEMENTS = 4
 """Number of equally stiff elements in the hysteresis of each suspension."""
@@ -123,7 +121,6 @@ def has_suspensions(model: mujoco.MjModel) -> bool:
 
 
 def _suspensions(model: mujoco.MjModel) -> Array:
-    """Return the joints of the coils, shape (6,)."""
     return model.actuator_trnid[:, 0]
 
 
