@@ -32,8 +32,7 @@ def check_agreement(solutions: Mapping[str, Array], tolerance: float) -> None:
 
     Args:
         solutions: Solutions of the same N problems by each candidate, (N, n).
-        tolerance: Largest distance from the first candidate's solutions, as a fraction of their
-            largest entry.
+        tolerance: Largest distance from these, as a fraction of the largest entry of the first.
 
     Raises:
         ValueError: A candidate differs by more, or has NaN; the message names it.

@@ -108,8 +108,7 @@ def random_limited(n: int, rng: np.random.Generator) -> Problem:
 class Solver:
     """Solver of a problem, of which only `solve` is timed.
 
-    `prepare` makes the arguments of `solve` from a problem; `rates` takes the rates (n,) from its
-    result.
+    `prepare` makes its arguments from a problem; `rates` takes the rates (n,) from its result.
     """
 
     solve: Callable[..., Any]

@@ -462,8 +462,7 @@ def compare_torques(moment: Array, rng: np.random.Generator) -> Part:
 def simulate_internal_force(rng: np.random.Generator) -> Part:
     """Simulate internal force of a platform that presses on the fixture.
 
-    Torques are J^T f, as in the paper, and J^T f + C^T eta with internal force eta, which relieves
-    each motor in turn, or squeezes.
+    Torques are J^T f, as in the paper, and J^T f + C^T eta, which relieves a motor or squeezes.
     """
     model, system = with_fixture(PLATFORM_MJCF), healthy_system(PLATFORM_MJCF, PLATFORM_TASK)
     kin = system.kinematics()

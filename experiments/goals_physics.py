@@ -122,9 +122,8 @@ def joint_weights(temperature_c: Array) -> Array:
 def rates_from_stops(displacements_m: Array, stroke_m: float) -> Array:
     """Return desired strut rates (6,) [m]/[s] away from stops, zero if no stop is near.
 
-    The rates are the negative gradient of half the sum of squared displacements beyond a fraction
-    of the stroke, divided by a time constant; after Chaumette and Marchand (2000), reference [3] of
-    the paper.
+    They are the negative gradient of half the sum of squared displacements beyond a fraction of the
+    stroke, divided by a time constant; after Chaumette and Marchand (2000), reference [3].
     """
     beyond = np.maximum(0.0, np.abs(displacements_m) - ACTIVE * stroke_m)
     return -np.sign(displacements_m) * beyond / RELAX_S

@@ -189,8 +189,7 @@ def coefficient_bounds(
 
     The recursion is that of the series, with lengths instead of vectors and 2-norms instead of the
     matrices A / D and D J, where D = diag(c, c, c, 1, 1, 1) weights rotations by c = `length_m`.
-    The stroke, half the side of the box, is less than the shortest strut; `largest_J` bounds ||D
-    J||.
+    The stroke, half the box, is less than the shortest strut; `largest_J` bounds ||D J||.
     """
     L, shortest = geometry.nominal_length_m, float(geometry.nominal_length_m.min()) - stroke_m
     over_length = [(stroke_m / shortest) ** k / shortest for k in range(ORDER + 2)]

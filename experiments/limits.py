@@ -347,8 +347,7 @@ def excess_row(
 ) -> dict[str, Any]:
     """Return the excess of the mapping's pointing error over the minimum, for infeasible demands.
 
-    The minimum, the distance from the outline of attainable pointing, is computed by geometry
-    alone.
+    The minimum is the distance from the outline of attainable pointing, known from geometry.
     """
     excess = []
     for condition in conditions:

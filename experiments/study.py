@@ -96,8 +96,8 @@ def rows_of(
         on_progress: Function called with the number of finished and of all runs.
 
     Raises:
-        WrongInput: The folder has unfinished runs that `where` does not resume, or runs of another
-            study.
+        WrongInput: The folder has unfinished runs of another study, or that `where` does not
+            resume.
         Interrupted: Ctrl-C was pressed; finished runs are saved.
         Unsound: A run failed unexpectedly, or a worker was killed; finished runs are saved.
         OutputError: The folder cannot be written.

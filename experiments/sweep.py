@@ -84,9 +84,8 @@ def row_of(run: SweepRun) -> Row:
     Returns:
         Parameters, `status` and measured quantities, if any. The status of a completed run is that
         of its mapping ("exact" if it performs the pointing task), or "unstable" if the loop of the
-        linear model is unstable. Otherwise it is "diverged", if the state is not finite, or
-        "refused", if the loops cannot be closed or the physics cannot be stepped with these
-        constants.
+        linear model is unstable. Otherwise it is "diverged" (the state is not finite) or "refused"
+        (the loops cannot be closed, or the physics cannot be stepped).
     """
     model, stiffness, _ = hexapod_plant()
     row = run.parameters() | dict.fromkeys((*COLUMNS, *PREDICTED, *MEASURED))

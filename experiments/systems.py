@@ -131,8 +131,7 @@ class Probed:
 def respond(rig: Probed, survivors: Array) -> tuple[Array, Array]:
     """Measure the displacements at rest after a unit step of each surviving actuator.
 
-    The displacements are those of the survivors, (n', n'), and of the task, (m, n'), with a column
-    for each step.
+    Displacements are those of survivors, (n', n'), and task, (m, n'), with a column for each step.
     """
     active, twist = [], []
     for k in survivors:
@@ -179,8 +178,7 @@ def drive_polygon(
 
     Returns:
         Arrays of time (T,), desired and reached task (T, m1), and joints (T, nq), with units in
-        their names; and the largest distance at a corner from the mapping's prediction, in units of
-        STEP.
+        their names; and the largest distance of a corner from its prediction, in units of STEP.
     """
     major, unit = rig.mechanism.major, rig.mechanism.unit
     m1, angle = len(major), 2 * np.pi * (np.arange(CORNERS) / CORNERS + rng.random())

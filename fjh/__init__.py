@@ -70,8 +70,7 @@ _PLACES = {
     for name in node.names
     if name.asname
 }
-"""Module and attribute of each exported name; imported on first use, so that mappings do not need
-MuJoCo."""
+"""Module and attribute of each name, imported on first use: mappings do not need MuJoCo."""
 
 __all__ = [name for name in _PLACES if not name.startswith("_")]  # pyright: ignore[reportUnsupportedDunderAll]
 

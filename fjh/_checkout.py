@@ -19,8 +19,7 @@ def alias_folders(root: Path) -> None:
     """Make `fjh.NAME` an alias of NAME, for the folders of the checkout `root`.
 
     Raises:
-        ImportError: Python finds another package or module with the name of one of these folders
-            first.
+        ImportError: Python finds another module with a folder's name first.
     """
     for name in FOLDERS:
         spec = find_spec(name)

@@ -16,8 +16,7 @@ from fjh.study.untrusted_files import read_json
 REPEATED, RESAMPLED, OF_LARGEST, LEVEL = 1e-6, 0.05, 0.01, 0.01
 """Thresholds above which a relative change or a significance level counts; see :func:`compare`."""
 SMALLEST, LARGEST, SENTENCE = 1e-9, 1e9, 40
-"""Smallest and largest compared number (beyond: round-off, or its reciprocal), and longest compared
-text."""
+"""Smallest and largest compared number, and longest compared text; others are round-off, prose."""
 ORIGIN = {"versions", "model_sha256", "machine", "basis", "took"}
 SETTINGS = {"seed", "duration_s", "configuration", "jacobian", "bench", "rules", "dither", "robot"}
 """Keys of the settings in results of earlier versions, which do not list them."""

@@ -145,8 +145,7 @@ def animate(
 
     The animation shows the machine with failed parts in magenta, its path and its error, from
     shortly before the first failure; two runs of one robot and task have the same scales. Needs a
-    Vulkan driver, but no display, as `fjh render` does. The GIF lasts 8 s, has less than 1 MB, and
-    takes half a minute.
+    Vulkan driver like `fjh render`. The GIF of 8 s has less than 1 MB. Takes half a minute.
 
     Example: fjh animate unaware/track.npz diagnosed/track.npz --out lock.gif
     """

@@ -18,8 +18,7 @@ from fjh.study.result import Picture
 from ftc.fdi import KINDS
 
 _AFTER = {"supervised": BLUE, "unaware": ORANGE, "other": PURPLE}
-"""Colours of the controllers whose error after recovery is compared with an informed controller's.
-"""
+"""Colours of controllers whose error after recovery is compared with an informed one's."""
 _OF = {"actuator": BLUE, "supply": ORANGE, "machine": GREEN, "sensor": VERMILION}
 GROUPS = {
     "coils: gain, hysteresis": ("gain", "hysteresis"),

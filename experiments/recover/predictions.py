@@ -35,8 +35,7 @@ ISOLABLE = 10.0
 half a second differ by this from those of every other hypothesis (mean odds e^50). The isolation
 rate counts only isolable failures."""
 EVIDENCE_S, DITHER_EVIDENCE_S = 0.5, 0.1
-"""Durations of the evidence [s]: in general, and in the design of the dither, which reduces delays.
-"""
+"""Durations [s] of the evidence, and of that for the dither's design, which reduces delays."""
 
 DIRECTIONS = {"gamma": 2, "t_x": 3, "t_y": 4, "t_z": 5}
 """Columns of the twist for payload motions that do not change pointing."""
@@ -106,8 +105,7 @@ def ambiguity_rows(setting: str, struts: Sequence[int]) -> list[Row]:
 def dither_design(struts: Sequence[int] = (0, 1, 2)) -> list[Row]:
     """Return rows with the least distance of a locked or free strut from other hypotheses.
 
-    There is a row for each direction and frequency of the dither, then for amplitudes of the
-    selected dither.
+    There is a row for each direction and frequency of the dither, then for each amplitude.
     """
     rig, sizes = exact_rig(), list(product(DIRECTIONS, FREQUENCIES_HZ, [DITHER.amplitude]))
     sizes += [("t_z", DITHER.frequency_hz, size) for size in AMPLITUDES_M]

@@ -22,8 +22,7 @@ from sim import Array, Failure, SimulationDiverged
 
 CONTROLLERS = ("supervised", "informed", "unaware")
 SPANS = ("before", "during", "after", "since")
-"""Parts of a run: before the failure or event, from onset to recovery, after recovery, from onset
-on."""
+"""Parts of a run: before onset, from onset to recovery, after recovery, and since onset."""
 
 COLUMNS = [
     *("case", "sort", "sense", "draw", "mismatch", "factor", "plant_seed", "seed"),

@@ -84,8 +84,7 @@ class Ik:
     ) -> "Ik":
         """Return a solver for the robot with further failures, with the same task objects.
 
-        `locked` and `free` list actuators (or joints that they drive), `locked_passive` joints
-        without actuator; see :meth:`prioritized.ConstrainedSystem.with_failures`.
+        Arguments are those of :meth:`prioritized.ConstrainedSystem.with_failures`.
         """
         failed = copy(self)
         failed._prepare(self._system.with_failures(locked, free, locked_passive))
@@ -95,8 +94,7 @@ class Ik:
         """Return the joint velocities until the next tick, (nv,), in the order of `data.qvel`.
 
         Args:
-            data: State whose loops are closed; its joint positions determine the frames, which are
-                updated.
+            data: State with closed loops, whose frames are updated.
             dt: Time until the next tick [s].
 
         Raises:

@@ -22,8 +22,7 @@ _ROUND_OFF = 1e-9
 _BENT = 1e-6
 """Tolerance of tendon limits at the end of a step, relative to the step."""
 RETURNING = (1.0, 0.25, 0.0625, 0.0)
-"""Fractions of the specified return rate from beyond a limit, tried in order until one is feasible.
-"""
+"""Fractions of the specified return rate from beyond a limit; the first feasible one is used."""
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ from prioritized import ConstrainedSystem, Hierarchy, Kinematics
 from sim import Array, JacobianReader
 
 MISSED = 0.5
-"""Largest fraction of the predicted error reduction, or of the target, that a step may fall short
-of."""
+"""Largest fraction of the predicted error reduction, or of the target, that may be missed."""
 NEGLIGIBLE = 1e-14
 """Error in natural units that need not be reduced."""
 _FAR = 1.0

@@ -75,8 +75,7 @@ class Session:
         """Repair an actuator, or let it fail.
 
         Raises:
-            sim.ModelError: The actuator is to lock, but the model has no lock for it; it stays
-                healthy.
+            sim.ModelError: The model has no lock for the actuator, which stays healthy.
         """
         if self.states[actuator] == kind:
             return

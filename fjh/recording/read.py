@@ -56,8 +56,8 @@ def read_run(path: Path, machine: Path | None = None) -> RecordedRun:
     """Read a run from its `.npz` file and the recording of the same name.
 
     `machine` is the MJCF for drawing; None: the file that the recording names, or the file of
-    `models/` with the recorded SHA-256. A run of the hexapod's studies without a recording is read
-    without failures.
+    `models/` with the recorded SHA-256. Runs of the hexapod's studies need no recording, which has
+    the failures.
 
     Raises:
         NoRunError: The file is not a run.

@@ -66,8 +66,7 @@ def record(path: str | Path, rig: Rig, run: Run) -> None:
 
     Raises:
         OutputError: The path has another suffix, or the files cannot be written.
-        TypeError, ValueError: An argument is no path, rig or run, or the run has another number of
-            joint positions.
+        TypeError, ValueError: An argument has another type, or the run is of another robot.
     """
     file = Path(check.instance("path", path, str, Path))
     nq = check.instance("rig", rig, Rig).model.nq

@@ -41,8 +41,7 @@ class Plot:
         levels: Limits of the values, plotted as horizontal lines.
         failed: Columns of failed actuators, with the onsets [s] from which their lines are thick.
         note: Addition to the title of a wide view.
-        flat: Largest change, in the unit or relative to the size, of a signal that counts as
-            constant.
+        flat: Largest change of a constant signal, in its unit or relative to its size.
     """
 
     entity: str

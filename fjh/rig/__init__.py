@@ -26,8 +26,7 @@ _OF = {
     "Rig": "fjh.rig.rig",
     "Run": "fjh.rig.run",
 }
-"""Module of each name, imported on first use, so that the command line's help does not need MuJoCo.
-"""
+"""Module of each name, imported on first use: the command line's help does not need MuJoCo."""
 
 
 def __getattr__(name: str) -> Any:

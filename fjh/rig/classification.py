@@ -26,8 +26,7 @@ class Classification:
         label: Label for people.
         color: Color on a map.
         holds: True for each of the C conditions that is in this class, shape (C,).
-        by_failures: Number of conditions in this class by number of failed actuators, shape (n +
-            1,).
+        by_failures: Number of its conditions by number of failed actuators, shape (n + 1,).
     """
 
     name: str

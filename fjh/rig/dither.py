@@ -140,8 +140,8 @@ def not_isolable(
     """Return the failures that neither the dither nor the path isolates, by the linear model.
 
     Such a failure is not separated from health or from another actuator's failure, with the
-    uncertainty that the diagnosis assumes. The dither is measured for half a second, the path for
-    one period of its strongest sinusoid.
+    uncertainty that the diagnosis assumes. The dither acts for half a second, the path for one
+    period of its strongest sinusoid.
     """
     remaining = [
         failure

@@ -37,10 +37,8 @@ class Prediction:
     Attributes:
         rms_before: RMS error of each major row before the first failure, (m1,), [rad] or [m].
         rms_after: RMS error from the first failure on, (m1,).
-        leaves: Name of the actuator that leaves its range, which the linear model does not include;
-            None if all stay in range.
-        error: Desired minus true displacements at each tick, (N, m1), without the noise if that is
-            averaged.
+        leaves: Name of the actuator that leaves its range; None if all stay in range.
+        error: Desired minus true displacements at each tick, (N, m1), without averaged noise.
         rms: RMS error over the complete run, (m1,).
     """
 
@@ -52,8 +50,7 @@ class Prediction:
 
 
 InformedAt = bool | Sequence[float | None]
-"""Times [s] at which a controller is informed of each failure (None: never); True: all at onset,
-False: none."""
+"""Times [s] at which a controller is informed of each failure, None: never; True: at onset."""
 
 
 def predicted(

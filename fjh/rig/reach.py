@@ -30,8 +30,7 @@ def check_reachable(rig: Rig, path: Array) -> None:
     """Raise `WrongInput` unless the healthy robot can follow a path within its limits.
 
     Raises:
-        WrongInput: The path leaves the reachable set; the message states the time and the active
-            limits.
+        WrongInput: The path is out of reach; the message states time and active limits.
     """
     mapping = rig.mapping(rig.goal)
     pose, commanded = mapping.nominal, np.zeros(mapping.actuators)

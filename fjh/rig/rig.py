@@ -76,8 +76,7 @@ class Rig:
         encoder_noise: Standard deviation of the sensors of the actuators, [rad] or [m].
         travel: Lower and upper displacements (n,) at which the plant's actuators can rest.
         task: Description of the task for controllers of other packages.
-        warnings: Sentences on what the control neglects or changes: parts, dry friction, start
-            positions.
+        warnings: Sentences on parts left out, changed start positions, dry friction.
         payload_body: Number of the body that carries the task frame.
         control: Loops and nominal model of the diagnosis: a :class:`ftc.tracking.Tracking`, or the
             hexapod's `HexapodControl` of `fjh.rig.hexapod.rig`, with the same members.
@@ -360,8 +359,7 @@ class Rig:
         """Return desired displacements of the major rows at each tick, shape (N, m1).
 
         Args:
-            name: "spiral", "circle", "steps", or FILE.npz with arrays `time_s` (K,) and `desired`
-                (K, m1).
+            name: "spiral", "circle", "steps", or FILE.npz with `time_s` (K,), `desired` (K, m1).
             duration_s: Duration of the path [s].
             turn_s: Time of one turn [s].
         """
@@ -423,14 +421,12 @@ class Rig:
             begin_s: Time of the first tick [s].
             lead_in_s: Duration [s] of control about zero before the path starts, which is not
                 logged; failures at the first tick occur at the start of this lead-in.
-            events: Other events: a list of :class:`fjh.rig.events.Event`, whose random parameters
-                depend on `seed`, and of objects with hooks as for :class:`sim.Bench`; or one such
-                object.
+            events: List of :class:`fjh.rig.events.Event`, with random parameters by `seed`, and of
+                objects with hooks as for :class:`sim.Bench`; or one such object.
             on_tick: Called with the number of completed ticks.
 
         Raises:
-            WrongInput: The robot does not have the actuator of a failure, or an event does not
-                apply.
+            WrongInput: A failure's actuator does not exist, or an event does not apply.
             sim.SimulationDiverged: The simulated state became non-finite.
         """
         check.attributes("controller", controller, "start", "step")

@@ -21,8 +21,7 @@ from sim.plant import beyond_linear
 from sim.scene import Scene, robot_scene
 
 _SIZE = 1e-3
-"""Radius of the default path, in [rad] or extents of the model, for which the linear model holds.
-"""
+"""Radius of the default path, in [rad] or extents of the model; the linear model holds there."""
 _SPRING_SHARE = 0.5
 """Fraction of an actuator's stiffness above which its own spring holds it without force."""
 _NOISE = 1e-2

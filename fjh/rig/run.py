@@ -68,11 +68,9 @@ class Run:
         failures: Failures that occurred, in order of time, actuators by number.
         state: State of the controller after the last tick.
         diagnoses: Diagnoses of the controller, in order of time.
-        task_lost: True if, by the controller's diagnosis, the major task is no longer fully
-            reachable.
+        task_lost: True if the diagnosis leaves the major task not fully reachable.
         undiagnosed: Reason why the controller diagnosed nothing; None if it diagnosed a failure.
-        lost: Sentence on how the major task is lost, by the errors or the diagnosis; None if it is
-            not.
+        lost: Sentence if the major task is lost, by errors or diagnosis; else None.
         status: Summary of the run for people: `lost`, then the diagnoses.
         events: Named events that occurred, in order of time.
     """
@@ -220,8 +218,7 @@ def run_of(
 
 
 _LOST = 5.0
-"""RMS error beyond which the task is lost, in sizes of the path; an arm at rest would have about 1.
-"""
+"""RMS error, in sizes of the path, beyond which the task is lost; a robot at rest has about 1."""
 
 
 def _lost(

@@ -12,8 +12,7 @@ NOT_OPTIONS = ("folder", "on_progress")
 
 Study = Callable[..., Any]
 """Type of a study: a function that returns a :class:`fjh.study.result.Result`. Its name is that of
-the command, its docstring the help text: one line on its purpose; details and duration; files;
-example.
+the command, its docstring the help text: purpose in one line; details, duration; files; example.
 
 Parameters are keyword options, `on_progress`, and `folder` if rows are saved there. An
 :class:`Option` in the annotation describes each option. A tuple is given as comma-separated text; a

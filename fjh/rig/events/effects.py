@@ -40,8 +40,7 @@ class Effect(NamedTuple):
     """Functions that change plant, measurements or inputs at each tick, counted from the onset.
 
     Attributes:
-        plant: Function called before the physics, which may add forces on bodies to
-            `data.xfrc_applied`.
+        plant: Function called before the physics; adds forces to `data.xfrc_applied`.
         measured: Function from the measured major rows (m1,) to those that the controller receives.
         sent: Function from the inputs (n,) of the controller to those that the drives receive.
     """
@@ -57,10 +56,8 @@ class Kind:
 
     Attributes:
         sentence: Description of the effect, with sizes.
-        of: Part on which it acts: one actuator (given in the event), the supply, the machine, its
-            sensors.
-        correct_kinds: Kinds of failure that a correct diagnosis of its actuators may state; empty:
-            none.
+        of: Part that it affects: an actuator (given in the event), the supply, machine or sensors.
+        correct_kinds: Kinds of failure in a correct diagnosis of its actuators; empty: none.
         failures: Kinds of `sim.Failure` that the event includes: of its own actuator, or else of as
             many random actuators.
         after_s: Time from the event to these failures [s].

@@ -22,8 +22,7 @@ class Amplifier:
         full_input_a: Current that the amplifier commands at the largest DAC input, 100 %.
         limit_a: Current at which the amplifier saturates.
         newton_per_a: Motor constant of the coil.
-        newton_per_m: Coil force per commanded strut displacement, which is the suspension's
-            stiffness.
+        newton_per_m: Coil force per commanded strut displacement: the suspension's stiffness.
 
     Raises:
         ValueError: `bits` is not from 2 to 53, or another number is not positive.

@@ -34,8 +34,7 @@ class Posture(Pose):
         """Return [rotation vector; translation] (6,) of small strut displacements (6,).
 
         Raises:
-            ValueError: The argument has a wrong shape or non-finite numbers, or the pose is
-                singular.
+            ValueError: The shape is wrong, a number is not finite, or the pose is singular.
         """
         displacement_m = check.array("displacement_m", displacement_m, 6)
         if self.inverse_jacobian.ndim != 2:

@@ -19,8 +19,7 @@ class Coils:
 
         C dT/dt = R(T) I^2 - (T - T_ambient) / R_th,   R(T) = R_20 (1 + kappa (T - 20))
 
-    The resistance rises with temperature: above I^2 = 1 / (kappa R_20 R_th) it increases without
-    limit.
+    The resistance rises with temperature: above I^2 = 1 / (kappa R_20 R_th) it never settles.
 
     Attributes:
         resistance_ohm: R_20, resistance of each winding at 20 degrees Celsius [Ohm].

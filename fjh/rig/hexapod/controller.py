@@ -230,8 +230,7 @@ def controller_for(
         goal: Weights, and the known failures.
         jacobian: Jacobian of the mapping.
         form: How eq. (41) becomes a displacement.
-        feedforward: Whether the reference is added to the compensators' demand; in the paper it is
-            not.
+        feedforward: Whether the reference is added to the demand; in the paper it is not.
     """
     bench = testbed.bench
     return PrioritizedController(

@@ -30,8 +30,7 @@ def secondary_motion(rotation: Array, translation_m: Array) -> Array:
         translation_m: Payload origin in base axes, shape (..., 3).
 
     Raises:
-        ValueError: An argument has a wrong shape or non-finite numbers, or `rotation` is no
-            rotation.
+        ValueError: A shape is wrong, a number is not finite, or `rotation` is no rotation.
     """
     rotation = check.array("rotation", rotation, ..., 3, 3)
     translation_m = check.array("translation_m", translation_m, ..., 3)

@@ -53,8 +53,7 @@ class TestbedConfig:
         spiral_period_s: Time of one turn; eight turns in 16 s (calibrated).
         spiral_exponent: Exponent of radius and angle, (t / duration)^exponent: 1 is a constant
             angular rate, 1/2 a constant speed along the spiral.
-        spiral_start_deg: Direction in which the spiral leaves the center, an angle from alpha
-            towards beta.
+        spiral_start_deg: Initial direction of the spiral, an angle from alpha towards beta.
         spiral_direction: 1 turns from alpha towards beta, -1 the other way.
         alpha_crossover_hz: Gain crossover of the alpha loop (calibrated).
         beta_crossover_hz: Gain crossover of the beta loop (calibrated).
@@ -63,8 +62,7 @@ class TestbedConfig:
         roll_off_damping: Damping ratio of this low-pass.
         demand_limit_urad: Largest pointing, each of alpha and beta, that the compensators may
             demand of the mapping; None is no limit.
-        anti_windup: Whether a compensator at its limit stops integrating while the error would
-            drive it further.
+        anti_windup: Whether a compensator at its limit stops integrating.
         control_period_s: Fixed rate of the controller, 1 kHz; eight physics steps.
         focal_length_m: Effective focal length of the telescope (paper).
         detector_half_width_m: Half the side of a 10 mm detector; 5 mrad of range.
@@ -73,10 +71,9 @@ class TestbedConfig:
         dac_full_input_a: Coil current commanded at 100 % input: 80.01 N, full stroke.
         amplifier_limit_a: Current at which the amplifier saturates, equal to `dac_full_input_a`.
         coil_newton_per_a: Motor constant.
-        settling_s: Time at rest before a run: fifteen periods of the slowest mode, until the sag is
-            complete to nanometers.
-        strut_sensor_noise_m: Standard deviation of one sample of a strut's eddy-current gauge, for
-            runs that use gauges.
+        settling_s: Time at rest before a run, in which the sag settles: fifteen periods of the
+            slowest mode.
+        strut_sensor_noise_m: Standard deviation of one sample of a strut's eddy-current gauge.
         handover_s: Time in which the secondary motion of a previous mapping fades: long compared
             with the suspension modes, short compared with the spiral.
 
