@@ -38,16 +38,16 @@ def repeat_run(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
     rows = pd.DataFrame() if summary is None else runs_of(Path(folder), summary)
     stored = rows[rows.case == case] if len(rows) else rows
     if summary is None or stored.empty:
-        raise WrongInput(f"{folder} has no dataset with a case {case}")
+        raise WrongInput(f"{folder} has no dataset with case {case}")
     name = str(summary["experiment"])
     repeatable_runs = getattr(sys.modules[study(name).__module__], "repeatable_runs", None)
     if repeatable_runs is None:
-        raise WrongInput(f"runs of fjh {name} cannot be repeated")
+        raise WrongInput(f"runs of study {name} cannot be repeated, only of recover, sweep, atlas")
     runs, repeat = repeatable_runs(summary)
     parameters, row = runs[case], stored.iloc[0]
     if changed := [k for k, v in parameters.parameters().items() if not _is_same(row.get(k), v)]:
         raise WrongInput(
-            f"case {case} cannot be repeated: this version samples another {changed[0]}"
+            f"case {case} cannot be repeated: this version of fjh samples another {changed[0]}"
         )
     columns, run = repeat(parameters)
     comparison = pd.DataFrame({"stored": row, "flown": pd.Series(columns)}).loc[[*columns]]

@@ -405,15 +405,15 @@ def _plots(goal: SecondaryGoal, run: GoalRun) -> list[Plot]:
 
 
 CAPTION = (
-    "Four secondary goals, pursued through the mapping and not pursued. Below: RMS of the change "
-    "of the pointing at each control tick, relative to a run with nothing to avoid, over the "
-    "change that another noise seed makes. Coils that are not kept cool do not change the pointing."
+    "Four secondary goals, pursued through the mapping and not pursued. Below: RMS change of the "
+    "pointing from a run with nothing to avoid, divided by the change that another noise seed "
+    "causes. Hot coils do not change the pointing."
 )
 ALT = (
     "Four panels: coil temperature, stroke left, clearance and condition number cross their limits "
-    "if the goal is not pursued, and stay within them if it is. Below, marks of the pursued goals "
-    "left of the line of another noise seed, those not pursued and those of pseudo-inverses with "
-    "small weights far to the right."
+    "if the goal is not pursued, and stay within them if it is. Below, marks of pursued goals are "
+    "left of the line of another noise seed; marks of goals not pursued, and of pseudo-inverses "
+    "with small weights, are far to the right."
 )
 STYLES: dict[str, dict[str, Any]] = {
     "nothing": {"color": VERMILION, "marker": "o", "label": "goal not pursued"},

@@ -598,7 +598,7 @@ CAPTION = (
 ALT = (
     "Strict priority follows the outline of the attainable region. The best weight and the "
     "redistributed pseudo-inverse have the same error, clipping has more with any tracking time, "
-    "and a weight that is too small many times the error."
+    "and too small a weight causes many times the error."
 )
 LOOKS = {
     "healthy": {"color": BLUE, "marker": "o"},

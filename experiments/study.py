@@ -55,7 +55,9 @@ class Where:
 
     def __post_init__(self) -> None:
         if self.scheduler is not None and not re.fullmatch(r"\S+", self.scheduler):
-            raise WrongInput(f"--scheduler must be an address, got {self.scheduler!r}")
+            raise WrongInput(
+                f"--scheduler must be an address without blanks, got {self.scheduler!r}"
+            )
         if self.scheduler and self.workers:
             raise WrongInput("--workers are processes on this computer: omit it with --scheduler")
 
@@ -173,7 +175,7 @@ def _saved(name: str, folder: Path, basis: Mapping[str, Any], resume: bool | Non
     try:
         if os.path.lexists(file):
             if resume is False:
-                raise WrongInput(f"--out {folder} has unfinished runs: --resume, or {again}")
+                raise WrongInput(f"--out {folder} has unfinished runs: add --resume, or {again}")
             former, *rows = _lines(file) or [{}]
         elif resume and os.path.lexists(index):
             former = read_json(index)["basis"]

@@ -17,10 +17,10 @@ from experiments.app.report import report
 from experiments.studies import PAPER, ROBOT, study
 from fjh.study.interrupts import INTERRUPTION, interrupted, notice
 
-HELP = """Keep a robot on task when its actuators fail; simulated in MuJoCo.
+HELP = """Keep robots on task when actuators fail, in simulations with MuJoCo.
 
 `fjh track` simulates failures of your robot, or of the hexapod of Chen, McInroy and Yi (2003);
-`fjh survey` analyzes what each failure would leave; `fjh paper` lists the studies of the paper.
+`fjh survey` analyzes what remains possible after each; `fjh paper` lists the studies of the paper.
 A study writes into results/COMMAND/, or the folder given by --out: all numbers (.json, with units
 in the names), tables (.md), data (.npz), figures and recordings (.rrd; `rerun FILE.rrd` opens one).
 Start with `fjh table1`, which is `fjh paper table1`: a minute on two cores.

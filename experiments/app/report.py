@@ -86,7 +86,7 @@ def run_report(
                 entries[name] = _run(name, folder / name, values, label, show)
             except (KeyboardInterrupt, Interrupted):
                 where = f"{name}, study {k} of {len(studies)}"
-                again = f"finished studies are kept, and the same command continues with {where}"
+                again = f"finished studies are saved, and the same command continues with {where}"
                 raise Interrupted(f"{INTERRUPTION}; {again}") from None
         summary = {
             "experiment": "report",

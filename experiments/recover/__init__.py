@@ -72,20 +72,20 @@ one direction of the (alpha, beta) plane."""
 def recover(
     *,
     seed: Annotated[int, seed_of("the random failures and plants, and the detector noise")] = 0,
-    quick: Annotated[bool, Option(help="A few runs of each sort.")] = False,
+    quick: Annotated[bool, Option(help="Only a few runs of each sort.")] = False,
     model: Annotated[
         Path | None,
         Option(
             metavar="MODEL.xml",
-            help="Another robot, on a circle; with the options of fjh track.",
+            help="MJCF file of another robot, on a circle; takes options of fjh track.",
         ),
     ] = None,
     hours: Annotated[
         float,
-        Option(metavar="H", help="Simulated time without failures, unless --quick."),
+        Option(metavar="H", help="Hours to simulate without failures; fewer with --quick."),
     ] = HOURS,
     events: Annotated[
-        bool, Option(help="Events without a hypothesis (docs/recover.md); 30 minutes.")
+        bool, Option(help="Simulate events other than failures (docs/recover.md): 30 minutes.")
     ] = False,
     controller: Controller = None,
     where: Where = HERE,
@@ -174,15 +174,15 @@ def refuse_others(
     """
     others = hexapod if is_robot else robot
     for name in (name for name, is_given in others.items() if is_given):
-        relation = "does not go with" if is_robot else "needs"
+        relation = "cannot be used with" if is_robot else "needs"
         raise WrongInput(f"--{name.replace('_', '-')} {relation} --model")
     if robot["sense"]:
-        raise WrongInput("--sense does not go with --model: each sensing is simulated")
+        raise WrongInput("--sense cannot be used with --model: all sensings are simulated")
     for name in ("hours", "controller") if events else ():
         if hexapod[name]:
-            raise WrongInput(f"--{name} does not go with --events")
+            raise WrongInput(f"--{name} cannot be used with --events")
     if hexapod["controller"] and hexapod["scheduler"]:
-        raise WrongInput("--controller does not go with --scheduler: its module is here alone")
+        raise WrongInput("--controller is imported on this computer alone: omit --scheduler")
 
 
 def hexapod_basis(seed: int, quick: bool, events: bool, controller: str | None) -> dict[str, Any]:

@@ -35,9 +35,9 @@ def pictures(rows: pd.DataFrame, tables: Tables, noise: float) -> list[Picture]:
     """Return the figure of failures of the hexapod, or that of events."""
     if "by_event" in tables:
         caption = (
-            "RMS error since each event, divided by that of the same controller without "
-            "diagnosis, or after recovery, if that is larger: all runs, and the worst as large "
-            "dots. If the errors differ by less than the sensors' noise, it is at most 1."
+            "Ratio of the RMS error since each event to that of the same controller without "
+            "diagnosis, or the ratio after recovery, if that is larger: all runs, and the worst "
+            "as large dots. Ratios are at most 1 if errors differ by less than sensor noise."
         )
         alt = f"A row of dots for each event, by what fails; a line at {WORST:g}; ratios of errors."
         plot = partial(figure_events, rows, tables["by_event"], noise)

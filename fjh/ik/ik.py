@@ -84,7 +84,8 @@ class Ik:
     ) -> "Ik":
         """Return a solver for the robot with further failures, with the same task objects.
 
-        Arguments are those of :meth:`prioritized.ConstrainedSystem.with_failures`.
+        `locked` and `free` are actuators, `locked_passive` joints without one, by name or number;
+        see :meth:`prioritized.ConstrainedSystem.with_failures`.
         """
         failed = copy(self)
         failed._prepare(self._system.with_failures(locked, free, locked_passive))
