@@ -630,8 +630,8 @@ CAPTION = (
     "wrenches, the weight of one motor three times that of the others."
 )
 ALT = (
-    "Left: only the force mapping has no error; errors of pseudo-inverses fall "
-    "towards it with increasing torque. Right: with internal force the hot motor has a third of its force."
+    "Left: only the force mapping has no error; that of pseudo-inverses falls towards it with "
+    "increasing torque. Right: with internal force the hot motor has a third of its force."
 )
 
 

@@ -216,7 +216,7 @@ def lagging(target: "Target", lag_s: float) -> Effect:
 
 
 @actuator_event(
-    "drift", "an offset grows in 1 s by 0.6 of the path's motion", cause="offset", rate=0.6
+    "drift", "an offset grows per second by 0.6 of the path's motion", cause="offset", rate=0.6
 )
 @actuator_event(
     "offset", "an offset of three times the motion on the path", cause="offset", size=3.0
@@ -251,7 +251,7 @@ def no_force(
     return Effect(plant)
 
 
-@actuator_event("fading", "the force decays, time constant 1 s", ("weak", "free"), decay_s=1.0)
+@actuator_event("fading", "the force decays by 63 % per second", ("weak", "free"), decay_s=1.0)
 def scaled_force(target: "Target", gain: float = 1.0, decay_s: float = math.inf) -> Effect:
     """Multiply the actuator's force by a gain that decays exponentially."""
     ids, decays = list(target.drive.ids), math.exp(-target.rig.period_s / decay_s)
@@ -270,7 +270,7 @@ def reversed_input(target: "Target") -> Effect:
     return _own_input(target, lambda _, own: -own)
 
 
-actuator_event("slow", "the input lags by a first order of 30 ms", ("weak", "locked"), lag_s=0.03)(
+actuator_event("slow", "a first-order lag of 30 ms in the input", ("weak", "locked"), lag_s=0.03)(
     lagging
 )
 actuator_event("strong", "the actuator gives 1.3 times its force", gain=1.3)(scaled_force)
@@ -315,7 +315,7 @@ def dry_friction(target: "Target", part: float) -> Effect:
     return _once(add_friction)
 
 
-@actuator_event("damped", "its damping is ten times as high", ("weak", "locked"), times=10.0)
+@actuator_event("damped", "ten times the damping", ("weak", "locked"), times=10.0)
 def damped(target: "Target", times: float) -> Effect:
     """Multiply the actuator's damping, including the servo's."""
     damping = target.moved("damping")
@@ -327,7 +327,7 @@ def damped(target: "Target", times: float) -> Effect:
 
 
 @supply_event("ripple", "all inputs vary by 20 % at 100 Hz", ripple=0.2)
-@supply_event("sag", "all inputs times 0.8", cause="supply", mean=0.8)
+@supply_event("sag", "all inputs are multiplied by 0.8", cause="supply", mean=0.8)
 def supply(target: "Target", mean: float = 1.0, ripple: float = 0.0, hz: float = 100.0) -> Effect:
     """Multiply all inputs by a mean with a ripple, of at most a quarter of the control rate."""
     omega = 2 * math.pi * min(hz * target.rig.period_s, 0.25)
@@ -453,13 +453,13 @@ def missing(target: "Target", part: float = 1.0, duration_s: float = math.inf) -
     return Effect(measured=measured)
 
 
-sensor_event("repeated", "a tenth of the samples repeats the one before", part=0.1)(repeated)
+sensor_event("repeated", "a tenth of the samples repeats the previous one", part=0.1)(repeated)
 sensor_event("spike", "one sample is off by a million standard deviations", sigmas=1e6, samples=1)(
     biased
 )
 
 
-@sensor_event("late", "samples come five ticks late", ticks=5)
+@sensor_event("late", "samples are five ticks late", ticks=5)
 def late(_: "Target", ticks: int) -> Effect:
     """Delay the samples by some ticks; the first sample is repeated until then."""
     recent = deque["Array"](maxlen=ticks + 1)
