@@ -71,10 +71,11 @@ def compare(a: Path | str, b: Path | str) -> Comparison:
     """Compare two results of one study, each a folder or a JSON file; list changes beyond noise.
 
     With equal settings, relative changes up to 1e-6 are noise: a study on another processor differs
-    by 1e-8. With another seed or other settings, noise is a change of at most 5 % of a number, or 1
-    % of the largest number of the same name. A rate with stated 95 % confidence bounds has changed
-    if the two ranges are disjoint; a column of a dataset, if the Mann-Whitney U test is significant
-    (1 % for all columns together). Numbers below 1e-9 are round-off; sentences are not compared.
+    by 1e-8. With another seed or other settings, noise is a change of at most 5 % of a number, or
+    of at most 1 % of the largest number of the same name. A rate with stated 95 % confidence bounds
+    has changed if the two ranges are disjoint; a column of a dataset, if the Mann-Whitney U test is
+    significant (1 % for all columns together). Numbers below 1e-9 are round-off; sentences are not
+    compared.
 
     Raises:
         WrongInput: An argument is no result of a study, or the results are of different studies.

@@ -126,7 +126,7 @@ class Ik:
     ) -> mujoco.MjData:
         """Return the state after moving at `qvel` for `dt` [s], with all loops closed again.
 
-        The result is written to `into`, which may be `data` (a tenth of the time of a new state).
+        The result is written to `into`, which may be `data` and saves the time for a new state.
         Locked joints do not move for any `qvel`. A motion that is too long is shortened: `time`
         increases by its actual duration; see :func:`sim.advance`.
         """

@@ -32,9 +32,9 @@ class Limits:
     Without accelerations, ranges, velocities and distances hold at every tick. With accelerations
     the rates are such that they hold at this tick and at every later one: each actuated joint
     satisfies :func:`prioritized.viable_rates`, and where several joints together move a limited
-    quantity (distances, tendons, balls, passive joints) all of them could brake in proportion, on a
-    straight line, from each rate that is taken. Geoms are measured along that line, beyond
-    `detection_m` if it is longer; the other quantities count to first order in it.
+    quantity (a distance, tendon, ball joint or passive joint), all of them can brake in proportion
+    from these rates, on a straight line. Distances are measured along this line, also beyond
+    `detection_m`; the other quantities count to first order.
 
     If the start is too fast for that, or limits move, accelerations have priority: all joints
     brake, and the solution lists the violated limits (:attr:`IkSolution.exceeded`). A joint beyond

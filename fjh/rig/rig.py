@@ -127,7 +127,7 @@ class Rig:
             size: Radius of the default path, [rad]; None is that of the testbed's spiral.
             feedforward: Whether the controller adds :meth:`feedforward_demands`; in the paper it
                 does not.
-            mismatch: How the plant differs from the controller's model.
+            mismatch: Differences between plant and model: "exact", "all", or sizes.
             seed: Seed of the sampled plant.
         """
         from fjh.rig.hexapod.rig import hexapod_rig  # late: that module imports this one
@@ -175,12 +175,12 @@ class Rig:
             noise: Standard deviation of one sample of each sensor, [rad] or [m]; None is a
                 hundredth of the sensor's amplitude on a path of the default size: 0.01 mrad for a
                 row, or 1e-5 of the model's extent.
-            servo_hz: Natural frequency of the position servos that are added to torque motors.
+            servo_hz: Natural frequency of position servos that are added to torque motors, [Hz].
             feedforward: Whether the controller adds :meth:`feedforward_demands` to the loops'
                 feedback.
             pinned: Sites or bodies fixed to the world, such as feet: "NAME" is welded, "NAME:point"
                 may rotate.
-            mismatch: How the plant differs from the controller's model.
+            mismatch: Differences between plant and model: "exact", "all", or sizes.
             seed: Seed of the sampled plant.
             loops: Further options of :class:`fjh.rig.options.RobotOptions`: `crossover` [Hz],
                 `period` [s], `size`, `joint_weight`, `secondary_weight`, `limits`.
@@ -356,7 +356,7 @@ class Rig:
         return self.coordinates(check.instance("pose", pose, Pose))[:, list(self.major)]
 
     def path(self, name: str, *, duration_s: float, turn_s: float = 4.0) -> Array:
-        """Return desired displacements of the major rows at each tick, shape (N, m1).
+        """Return desired displacements of the major rows at each tick, (N, m1), [rad] or [m].
 
         Args:
             name: "spiral", "circle", "steps", or FILE.npz with `time_s` (K,), `desired` (K, m1).

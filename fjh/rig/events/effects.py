@@ -83,7 +83,7 @@ class Event:
     """Named event at a time: a change of actuators, supply, payload, floor or sensors.
 
     Attributes:
-        name: Name of the event, such as "bump", "hard_over" or "noise"; `EVENTS` has all.
+        name: Name of the event, such as "bump", "hard_over" or "hum"; `EVENTS` has all.
         time_s: Onset [s]; an event at the first tick of a run starts with its lead-in.
         actuator: Number or name of the actuator, for events that act on one actuator; else None.
 
