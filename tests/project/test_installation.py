@@ -111,7 +111,7 @@ def test_its_import_waits_for_nothing(tmp_path):
 def test_in_a_checkout_a_folder_that_hides_a_package_is_named(tmp_path):
     users_own(tmp_path)
     done = python(tmp_path, "-c", "import fjh")
-    said = f"{tmp_path}/experiments/__init__.py, not {ROOT}/experiments: rename the former, or install fjh"
+    said = f"{tmp_path}/experiments/__init__.py, not {ROOT}/experiments: rename the former"
     assert said in done.stderr.splitlines()[-1]
 
 

@@ -229,3 +229,9 @@ def test_rotary_actuators_move_by_angles_and_linear_ones_by_lengths(name):
 
 def test_the_hexapod_moves_by_lengths_and_points_by_angles():
     assert set(rig("hexapod").units) == {"m"} and set(rig("hexapod").row_units) == {"rad"}
+
+
+@BOTH
+def test_the_model_of_the_diagnosis_has_an_output_for_each_measurement(name):
+    model = rig(name).diagnosis_model
+    assert len(model.noise) == len(model.plant.C) >= len(rig(name).major)
