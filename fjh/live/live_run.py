@@ -106,7 +106,7 @@ class LiveRun:
         """Sentence on the present diagnosis and its reason."""
         state = self.state
         if not isinstance(state, SupervisorState):
-            return "The diagnosis is off: the controller continues with its present failures."
+            return "No diagnosis: the controller continues with the failures known so far."
         if state.is_learning and not state.monitor_state.relearns:
             return f"The diagnosis is calibrated in the first {LEARNING_S:g} s, without failures."
         text = state.status
