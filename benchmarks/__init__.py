@@ -1,1 +1,1 @@
-"""Times of this library and of other libraries for the same work: `make bench`."""
+"""Run times of this library and of other libraries for the same work: `make bench`."""

@@ -1,4 +1,4 @@
-"""Candidates for one question: checked to agree, then timed."""
+"""Candidates, of this and other libraries, for one question: checked to agree, then timed."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from sim import Array
 
 @dataclass(frozen=True)
 class Candidate:
-    """Computation to be timed.
+    """Candidate: a function to be timed, with its arguments.
 
     Attributes:
-        call: Function that is timed, without overhead.
-        arguments: Makes the arguments of all calls of a round, outside the timed part; new in each
-            round, so that results cached in an earlier round are of no use.
+        call: Function that is timed.
+        arguments: Function that makes the arguments of all calls of a round, outside the timed
+            part; they are new in each round, so that cached results are of no use.
         units: Number of control ticks or mappings in one round.
-        rounds: Number of timed rounds in a turn; with 1 there is no warm-up round.
+        rounds: Number of timed rounds in a turn; if it is 1 there is no warm-up round.
     """
 
     call: Callable[..., Any]
@@ -28,14 +28,14 @@ class Candidate:
 
 
 def check_agreement(solutions: Mapping[str, Array], tolerance: float) -> None:
-    """Check that all candidates find the same solutions as the first one, the reference.
+    """Check that all candidates find the same solutions as the first one.
 
     Args:
         solutions: Solutions of the same N problems by each candidate, (N, n).
-        tolerance: Largest distance from the reference, as a fraction of its largest entry.
+        tolerance: Largest distance from these, as a fraction of the largest entry of the first.
 
     Raises:
-        ValueError: A candidate is further away, or has NaN; the message names it.
+        ValueError: A candidate differs by more, or has NaN; the message names it.
     """
     reference, *_ = solutions.values()
     size = np.abs(reference).max(axis=-1)

@@ -1,9 +1,9 @@
 """Time one tick of inverse kinematics with tasks and limits, by `Ik` and by mink.
 
-A frame moves to a nearby pose while the posture is kept; a walking robot also keeps its feet, and
-its centre of mass above them. Joints have ranges and a velocity limit. Tasks and limits are made
-once, outside the timed part; mink's update of the kinematics is timed. mink weights the tasks and
-`Ik` ranks them, so that only the motions of all tasks but the last one are compared.
+A frame moves to a nearby pose while the posture is kept; a walking robot also keeps its feet in
+place and its centre of mass above them. Joints have ranges and a velocity limit. Tasks and limits
+are made outside the timed part; mink's update of the kinematics is timed. mink weights the tasks
+and `Ik` ranks them, so that the motion of the last task, the posture, is not compared.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ _SPREAD_RAD = 0.05
 
 @dataclass(frozen=True)
 class Robot:
-    """Bundled model, the frame that moves, its feet, and whether it keeps its balance."""
+    """Bundled model, with the frame that moves, its feet, and whether it keeps its balance."""
 
     name: str
     frame: str
@@ -54,7 +54,7 @@ class Robot:
 
     @property
     def active(self) -> tuple[str, ...]:
-        """Free joints among the variables: the trunk of a walking robot."""
+        """Unactuated joints that the solver may move: the base of a walking robot."""
         return ("root",) if self.feet else ()
 
 
@@ -153,7 +153,7 @@ def mink_tick(
 
 
 def ik(name: str, rng: np.random.Generator) -> dict[str, Candidate]:
-    """Return one tick of `Ik` and of mink, checked to perform all tasks but the posture."""
+    """Return one tick of `Ik` and of mink as candidates that agree in all tasks but the posture."""
     robot = ROBOTS[name]
     cases = [random_case(robot, rng) for _ in range(8)]
     problems = [ik_arguments(robot, case) for case in cases]

@@ -1,4 +1,4 @@
-"""Time the whole closed loop of a robot, and its physics alone, without failures."""
+"""Time the complete control loop of a robot, and its physics alone, without failures."""
 
 from copy import copy
 from typing import Any
@@ -17,10 +17,10 @@ DURATION_S = 2.0  # the first 0.8 s are the learning phase of the supervisor
 
 
 def loop(name: str, rng: np.random.Generator) -> dict[str, Candidate]:
-    """Return the ticks of bare physics, of the loop, and of the loop with diagnosis.
+    """Return candidates: a tick of the physics, of the loop, and of the loop with diagnosis.
 
-    A tick of a loop reads the sensors, estimates the posture, maps, compensates, drives the motors,
-    logs, and steps the physics. Machine and path are made outside the timed part.
+    A tick of the loop includes sensors, posture estimate, compensators, mapping, drives, log and
+    physics. Machine and path are made outside the timed part.
     """
     rig = Rig.hexapod()
     if name in MAJOR:

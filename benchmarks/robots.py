@@ -1,7 +1,7 @@
 """Time one tick from joint positions to rates, by this library and by mink.
 
-The task is performed exactly, within rate limits if there are any, with the rates closest to
-desired ones. The hexapod points (alpha, beta) with strut 1 locked and least motion of the other
+The rates perform the task exactly, within rate limits if there are any, as close to desired rates
+as possible. The hexapod points (alpha, beta) with strut 1 locked and least motion of the other
 struts. The arm moves its camera in all six directions. The humanoid stands on pinned feet and moves
 its right palm in six directions, its centre of mass in the two horizontal ones.
 """
@@ -27,12 +27,11 @@ _INSIDE = 0.7  # fraction of the limits within which some rates perform the task
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """Bundled model and its task: rows `major` of a site and the centre of mass; pinned feet.
+    """Bundled model with its task: rows `major` of a site and the centre of mass; pinned feet.
 
-    The site's rows are in the axes of another, fixed site, or of the world. Actuators are at
-    most `offset` [rad] or [m] from the posture of the model. Desired rates have the standard
-    deviation `spread` [rad]/[s], chosen so that limits bind; with 0 there are no desired rates and
-    no limits.
+    The site's rows are in the axes of another, fixed site, or of the world. Actuators are sampled
+    within `offset` [rad] or [m] of the model's posture. Desired rates have the standard deviation
+    `spread` [rad]/[s], with which limits are active; 0 is no desired rates and no limits.
     """
 
     file: str
@@ -51,7 +50,7 @@ class Robot:
 
     @cached_property
     def reader(self) -> JacobianReader:
-        """Jacobian reader; rows 0 to 5 of its J_T are the site's, 6 to 8 the centre of mass's."""
+        """Jacobian reader; rows 0 to 5 of J_T are the site's, 6 to 8 the centre of mass's."""
         task = [self.site, CenterOfMass()] if max(self.major) > 5 else [self.site]
         pinned = [Pin(foot, weld=True) for foot in self.feet]
         return JacobianReader(self.model, task, self.axes, pinned=pinned)
@@ -77,7 +76,7 @@ ROBOTS = {
 
 @dataclass(frozen=True)
 class Case:
-    """Problem of one tick: major velocity (m1,), joint positions (nq,), desired rates (n,)."""
+    """Problem of a tick: major velocity (m1,), joint positions (nq,), desired rates (n,)."""
 
     major: Array
     qpos: Array
@@ -102,7 +101,7 @@ def random_case(robot: Robot, rng: np.random.Generator) -> Case:
 def tick_of(robot: Robot) -> Callable[[Case], Array]:
     """Return a function from a case to rates (n,) by one compiled call.
 
-    Pose-independent data are prepared here, once.
+    Pose-independent data are prepared once, outside the returned function.
     """
     data, reader = mujoco.MjData(robot.model), robot.reader
     system = ConstrainedSystem.of(reader.at(data)).with_failures(locked=robot.locked)
@@ -128,10 +127,10 @@ def tick_of(robot: Robot) -> Callable[[Case], Array]:
 
 
 class Rows(mink.Task):
-    """Task of mink with selected rows and a constant error.
+    """Task for mink with selected rows and a constant error.
 
-    mink's `FrameTask` always has six rows, all of which would be constraints, and its
-    `DampingTask` one for every joint, which takes 6 % longer.
+    mink's `FrameTask` always has six rows, all of which would be constraints; its `DampingTask` has
+    a row for every joint, which takes 6 % longer.
     """
 
     def __init__(self, desired: Array, rows: Callable[[mink.Configuration], Array]) -> None:
@@ -174,10 +173,10 @@ def mink_tick(
     constraints: list[Any],
     limits: Sequence[mink.Limit],
 ) -> Array:
-    """Update mink's kinematics and solve for a displacement of all joints (nv,), the fastest way.
+    """Update mink's kinematics and solve for displacements of all joints (nv,), the fastest way.
 
-    Tasks given as constraints are equalities: a strict priority, as here. Without `eq_reduction`
-    daqp's tolerance is 1e-4 of so small a motion; the option takes no time.
+    Tasks given as constraints are equalities, which have strict priority as in this library. The
+    option `eq_reduction` takes no time; without it daqp's tolerance is 1e-4 of this small motion.
     """
     configuration.update(qpos)
     return mink.solve_ik(
@@ -212,7 +211,7 @@ def _center_of_mass(model: mujoco.MjModel, first: int) -> Callable[[mink.Configu
 
 
 def tick(name: str, rng: np.random.Generator) -> dict[str, Candidate]:
-    """Return the library's tick, and mink's `solve_ik` with its update of the kinematics."""
+    """Return candidates: the library's tick, and mink's `solve_ik` with its kinematics."""
     robot = ROBOTS[name]
     cases = [random_case(robot, rng) for _ in range(8)]
     solve, arguments = tick_of(robot), [mink_arguments(robot, case) for case in cases]

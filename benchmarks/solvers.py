@@ -29,19 +29,18 @@ MAJOR, SECONDARY = [0, 1], [3, 4, 5, 2]
 EQUALITY = 5
 """Code of an equality constraint in daqp."""
 STRICT = {"primal_tol": 1e-12, "rho_soft": 1e-14}
-"""Settings of daqp; its defaults leave an error of 6e-3 of these rates, and are no faster."""
+"""Settings of daqp; with its defaults the rates have errors of 0.6 % and take as long."""
 SECOND = SECONDARY[:2]
-"""Rows of J in the second of three levels."""
+"""Rows of J in the second of the three levels."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Problem 1: minimize |W1 (rates - joint)|^2 + |W2 (J_s rates - secondary)|^2.
+    """Problem 1, or a batch: minimize |W1 (rates - joint)|^2 + |W2 (J_s rates - secondary)|^2.
 
-    Subject to J_m rates = major.
-    J_m and J_s are the rows `MAJOR` and `SECONDARY` of J, (..., 6, n). The weights, diagonals of W1
-    (n,) and W2 (4,), are common to a batch; major is (..., 2), joint (..., n), secondary (..., 4).
-    If `limited`, rates have limits of -1 and 1.
+    The constraint is J_m rates = major. J_m and J_s are the rows `MAJOR` and `SECONDARY` of J,
+    (..., 6, n). The weights, diagonals of W1 (n,) and W2 (4,), are common to a batch; major is
+    (..., 2), joint (..., n), secondary (..., 4). If `limited`, rates have limits of -1 and 1.
     """
 
     J: Array
@@ -59,7 +58,7 @@ class Problem:
         return (-most, most) if self.limited else None
 
     def parts(self) -> tuple[Array, Array, Array, Array]:
-        """Return A (n + 4, n) and b of the objective |A rates - b|^2; J_m (2, n) and v_m."""
+        """Return A (n + 4, n) and b of the objective |A rates - b|^2, J_m (2, n), and v_m."""
         W1, W2 = np.diag(self.joint_weight), self.secondary_weight
         A = np.vstack([W1, W2[:, None] * self.J[SECONDARY]])
         b = np.concatenate([self.joint_weight * self.joint, W2 * self.secondary])
@@ -82,7 +81,7 @@ class Problem:
 
 
 def random_problem(n: int, rng: np.random.Generator, batch: tuple[int, ...] = ()) -> Problem:
-    """Sample a problem of n actuators: Gaussian J, of full rank, and weights from 0.5 to 2."""
+    """Sample a problem of n actuators with a Gaussian J of full rank and weights from 0.5 to 2."""
     return Problem(
         J=rng.normal(size=(*batch, 6, n)),
         joint_weight=rng.uniform(0.5, 2.0, size=n),
@@ -94,10 +93,10 @@ def random_problem(n: int, rng: np.random.Generator, batch: tuple[int, ...] = ()
 
 
 def random_limited(n: int, rng: np.random.Generator) -> Problem:
-    """Sample a problem with limits, feasible at rates within 0.7 of them.
+    """Sample a problem with limits that is feasible with rates within 0.7 of the limits.
 
-    The desired rates are beyond the limits in 6 of 10 cases. If the task were infeasible, so would
-    be daqp's program without levels.
+    The desired rates exceed the limits in 6 of 10 cases. The task must be feasible for daqp's
+    program without levels.
     """
     problem, inside = random_problem(n, rng), rng.uniform(-0.7, 0.7, size=n)
     secondary = np.concatenate([problem.J[SECOND] @ inside, problem.secondary[len(SECOND) :]])
@@ -107,9 +106,9 @@ def random_limited(n: int, rng: np.random.Generator) -> Problem:
 
 @dataclass(frozen=True)
 class Solver:
-    """Solver of a problem; only `solve` is timed.
+    """Solver of a problem, of which only `solve` is timed.
 
-    `prepare` makes its arguments from a problem, and `rates` takes the rates (n,) from its result.
+    `prepare` makes its arguments from a problem; `rates` takes the rates (n,) from its result.
     """
 
     solve: Callable[..., Any]
@@ -117,12 +116,12 @@ class Solver:
     rates: Callable[[Any], Array] = np.asarray
 
     def with_build(self) -> "Solver":
-        """Return this solver with the preparation of its arguments in the timed part."""
+        """Return the same solver with the preparation of arguments in the timed part."""
         solve, prepare = self.solve, self.prepare
         return Solver(lambda problem: solve(*prepare(problem)), rates=self.rates)
 
     def candidate(self, problems: Sequence[Problem], size: int = 1) -> Candidate:
-        """Return the candidate: problems of `size` mappings, in new arrays for each round."""
+        """Return a candidate for problems of `size` mappings, in new arrays for each round."""
 
         def arguments() -> list[tuple[Any, ...]]:
             return [self.prepare(deepcopy(problem)) for problem in problems]
@@ -147,7 +146,7 @@ def _map(problem: Problem) -> Array:
 
 
 def _flat(problem: Problem) -> tuple[Any, ...]:
-    """Return daqp's arguments: H, f, and as constraints the major task and the limits, if any."""
+    """Return daqp's arguments: H, f, and constraints by the major task and any limits."""
     v_m, none = problem.major, np.zeros(0)
     least, most = problem.limits or (none, none)
     sense = np.zeros(len(most) + len(v_m), dtype=c_int)
@@ -157,7 +156,7 @@ def _flat(problem: Problem) -> tuple[Any, ...]:
 
 
 def _in_levels(problem: Problem) -> tuple[Any, ...]:
-    """Return daqp's arguments: H and f of the last level; limits and first levels as hierarchy."""
+    """Return daqp's arguments: H and f of the last level, hierarchy of limits and first levels."""
     assert problem.limits is not None
     (least, most), (*first, (A, b)) = problem.limits, problem.levels()
     rows, targets = zip(*first, strict=True)
@@ -212,7 +211,7 @@ def many_actuators(rng: np.random.Generator) -> dict[str, Candidate]:
 
 
 def batch(rng: np.random.Generator) -> dict[str, Candidate]:
-    """Return the candidates for 10,000 Problems 1: in one call, and by daqp one by one."""
+    """Return the candidates for 10,000 instances of Problem 1, which daqp solves one by one."""
     size, count = 10_000, 64
     batched = random_problem(6, rng, (size,))
     single = [
@@ -230,12 +229,12 @@ def batch(rng: np.random.Generator) -> dict[str, Candidate]:
 
 
 def limited(rng: np.random.Generator) -> dict[str, Candidate]:
-    """Return the candidates for Problem 1 with limits that bind."""
+    """Return the candidates for Problem 1 with active limits."""
     problems = [random_limited(6, rng) for _ in range(64)]
     return _compared(problems, ours=PRIORITIZED, daqp=DAQP, daqp_built=DAQP.with_build())
 
 
 def three_levels(rng: np.random.Generator) -> dict[str, Candidate]:
-    """Return the candidates for three levels with limits that bind."""
+    """Return the candidates for three levels with active limits."""
     problems, built = [random_limited(6, rng) for _ in range(64)], DAQP_LEVELS.with_build()
     return _compared(problems, ours=LEVELS, daqp=DAQP_LEVELS, daqp_built=built)

@@ -1,8 +1,7 @@
-"""Print and plot the ratios of a run: `python -m benchmarks.table RUN.json [FOLDER] [--check]`.
+"""Print and plot ratios of times: `python -m benchmarks.table RUN.json [FOLDER] [--check]`.
 
-RUN.json is the file that pytest-benchmark wrote (`make bench`). With --check the exit code is 1 if
-a stable ratio exceeds three times its bound: the same code had up to 2.3 times the bound on another
-processor.
+pytest-benchmark writes RUN.json (`make bench`). With --check the exit code is 1 if a stable ratio
+exceeds three times its bound, because ratios reached 2.3 times the bound on another processor.
 """
 
 import json
@@ -17,11 +16,11 @@ MARGIN = 3.0
 RATIOS = pd.read_csv(
     Path(__file__).with_name("ratios.csv"), true_values=["yes"], false_values=["no"]
 )
-"""Ratios of times, one a row.
+"""Ratios of times, one in each row.
 
-`compared` describes two candidates for a `question`: the time of `over` is divided by that of
-`under`. The ratio should be below `bound` and, in the long run, reach `goal`. Only `stable` ratios,
-which hardly scatter, are checked.
+`compared` describes the ratio for a `question`: the time of candidate `over` divided by that of
+`under`. The ratio should be below `bound`; `goal` is a long-term aim. Only `stable` ratios, which
+hardly scatter, are checked.
 """
 
 
@@ -66,7 +65,7 @@ def exceeding(rows: pd.DataFrame) -> list[str]:
 
 
 def figure(rows: pd.DataFrame) -> Figure:
-    """Plot the ratios on a logarithmic axis; below 1 this library is faster; goals are ticks."""
+    """Plot the ratios on a logarithmic axis, goals as ticks; below 1 this library is faster."""
     plot = Figure(figsize=(8.0, 0.26 * len(rows) + 0.8), layout="constrained")
     axes = plot.add_subplot()
     axes.axvline(1.0, color="0.6", linewidth=1.0)
@@ -81,7 +80,7 @@ def figure(rows: pd.DataFrame) -> Figure:
 
 
 def main(arguments: list[str]) -> int:
-    """Print the table, write it with the figure, and print which ratios exceed their bounds."""
+    """Print the table, write it and the figure, and print the ratios that exceed their bounds."""
     files = [Path(word) for word in arguments if not word.startswith("--")]
     rows = measured_ratios(times_us(json.loads(files[0].read_text(encoding="utf-8"))))
     print(table(rows))

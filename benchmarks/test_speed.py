@@ -12,7 +12,7 @@ from benchmarks.candidate import Candidate
 from benchmarks.table import candidates
 
 TURNS = 10
-"""Number of turns; the candidates for a question alternate, so that disturbances affect all."""
+"""Number of turns, in which candidates alternate so that disturbances affect all of them."""
 QUESTIONS: dict[str, Callable[[np.random.Generator], dict[str, Candidate]]] = {
     **{f"loop_{name}": partial(loops.loop, name) for name in ("hexapod", *loops.MAJOR)},
     **{f"tick_{name}": partial(robots.tick, name) for name in robots.ROBOTS},
@@ -27,7 +27,7 @@ QUESTIONS: dict[str, Callable[[np.random.Generator], dict[str, Candidate]]] = {
 
 @cache
 def candidates_of(question: str) -> dict[str, Candidate]:
-    """Return the candidates for a question, checked to agree; a ValueError if they do not."""
+    """Return the candidates for a question; raise ValueError if their solutions differ."""
     return QUESTIONS[question](np.random.default_rng(0))
 
 

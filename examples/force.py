@@ -1,8 +1,8 @@
-"""Force: which loads can a platform bear without one of its legs?
+"""Force: which loads can a platform bear if one leg has no force?
 ===============================================================
 
-A platform moves in a plane on four legs, one more than its three motions need, of 100 N each. Leg 1
-loses its force. Which forces can the others exert in each direction, without turning the platform?
+A platform moves in a plane on four legs of 100 N each, one more than its three motions need. Leg 1
+loses its force. Which forces can the other legs exert, without turning the platform?
 """
 
 import matplotlib.pyplot as plt

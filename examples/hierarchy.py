@@ -1,7 +1,7 @@
 """Three levels: which goals does a robot lose first?
 ==================================================
 
-An arm turns its camera, moves it, and raises its elbow, in this order. Joint after joint locks.
+An arm turns its camera, moves it, and raises its elbow, in this order, while joint by joint locks.
 """
 
 import matplotlib.pyplot as plt

@@ -1,8 +1,8 @@
 """Inverse kinematics, an arm: the tool stays on its path when a joint locks
 =========================================================================
 
-A tool follows a circle exactly; the joints stay as close to a posture as this allows, within their
-ranges and 1 rad/s. After 3 s the third joint locks. If this is known, the others replace it.
+A tool follows a circle exactly; within their ranges and 1 rad/s, the joints stay as close to a
+posture as possible. After 3 s the third joint locks. If this is known, other joints replace it.
 """
 
 import matplotlib.pyplot as plt

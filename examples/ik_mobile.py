@@ -1,8 +1,8 @@
 """Inverse kinematics, a mobile base: other joints replace a blocked drive
 =======================================================================
 
-A tool follows an arc and points at a fixed point; the base moves as little as possible, 10 cm from
-the forearm. After 3 s the sideways drive blocks. If this is known, the other joints replace it.
+A tool follows an arc and points at a fixed point; the base moves little and avoids the forearm by
+10 cm. After 3 s the sideways drive blocks. If this is known, the other joints replace it.
 """
 
 import matplotlib.pyplot as plt

@@ -1,7 +1,7 @@
 """Inverse kinematics, a quadruped: the feet stay on target when a hip locks
 =========================================================================
 
-The trunk is a variable without motor. Three feet stand and the fourth steps; with lower priority
+The trunk has no motor of its own. Three feet stand and the fourth steps; with lower priority
 the trunk sways. After 3 s the right rear hip locks. If this is known, all feet stay on target.
 """
 

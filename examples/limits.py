@@ -1,8 +1,8 @@
 """Limits: how fast can the arm turn its camera?
 =============================================
 
-Rates of minimum norm soon reach the limit of a motor. They can be clipped, or scaled down together.
-A mapping with limits uses the motors that are still below theirs, and stays exact at higher speeds.
+Rates of minimum norm soon exceed a motor's limit. They can be clipped, or scaled together. A
+mapping with limits uses the motors that are below their limits, and is exact at higher speeds.
 """
 
 import matplotlib.pyplot as plt

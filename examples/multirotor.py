@@ -1,8 +1,8 @@
 """Multirotor: can a hexarotor be controlled without one rotor?
 ============================================================
 
-Six thrusts between zero and a maximum give lift and three torques. The directions of rotation
-alternate (PNPNPN), or not (PPNNPN). A vehicle can be controlled at hover if every small torque is
+Six thrusts between zero and a maximum produce lift and three torques. The directions of rotation
+alternate (PNPNPN) or not (PPNNPN). A vehicle can be controlled at hover if every small torque is
 possible there (Du, Quan, Yang, Cai; J. Guidance, Control, and Dynamics 38, 2015).
 """
 

@@ -1,8 +1,8 @@
 """Your controller: how does it perform on the same robot?
 =======================================================
 
-A controller is an object with start(), which returns its first state, and step(...), the next one,
-with the drives' inputs. This one has an integrator and a pseudo-inverse. Strut 1 locks at 1 s.
+A controller is an object with start(), which returns its first state, and step(...), which returns
+the next one with the drives' inputs. This one has an integrator. Strut 1 locks at 1 s.
 """
 
 from types import SimpleNamespace

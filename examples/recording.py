@@ -1,9 +1,9 @@
 """Recording: how do I save and view a run?
 ========================================
 
-One call writes two files: an .npz with all signals of every tick, and a recording for the viewer
-Rerun (`rerun recording.rrd`): the arm in motion, with its failed motor marked, next to its signals.
-The results are properties of the recording. `fjh review recording.npz` compares runs.
+One call writes two files: an .npz with all signals at every tick, and a recording for the viewer
+Rerun (`rerun recording.rrd`) that shows the arm with its failed motor marked, next to its signals.
+`fjh review` shows several runs side by side.
 """
 
 from pathlib import Path

@@ -1,9 +1,9 @@
 """Survey: what can an arm still do after each failure?
 =====================================================
 
-A joint may lock, or swing freely. Which part of the tool's speed remains in the worst direction?
-`fjh survey arm.xml` computes more, as one page and a recording: forces, gains, lost secondary
-motion, other postures, and which failures the sensors can distinguish.
+A joint may lock or swing freely. Which fraction of the tool's speed remains in the worst direction?
+`fjh survey arm.xml` also computes forces, gains, lost secondary motion, other postures, and which
+failures sensors distinguish, as a page and a recording.
 """
 
 import matplotlib.pyplot as plt

@@ -1,1 +1,1 @@
-"""Studies of the paper, and the command `fjh`."""
+"""Studies that reproduce and extend the paper, and the command `fjh`."""

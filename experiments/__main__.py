@@ -1,4 +1,4 @@
-"""Run `fjh`, as `python -m experiments`."""
+"""Run the command `fjh` by `python -m experiments`."""
 
 from fjh.study.interrupts import exit_on_interrupt
 

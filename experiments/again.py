@@ -15,7 +15,7 @@ from fjh.study.untrusted_files import read_json
 
 
 def repeat_run(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
-    """Simulate a run of a dataset again.
+    """Simulate a run of a dataset again, and compare it with its stored row.
 
     Args:
         folder: Folder with the results of `fjh paper recover`, `fjh paper sweep` or
@@ -23,12 +23,12 @@ def repeat_run(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
         case: Number of the run, in the column `case`.
 
     Returns:
-        The run; and a frame with a row for each measured quantity, with the `stored` value, the
-        value `flown` now, and whether both are the `same` to 1e-9, which they need not be under
-        other versions of this project or its packages.
+        The run, and a data frame with a row for each measured quantity: its `stored` value, its
+        value `flown` now, and whether these are the `same` to 1e-9. Other versions of this
+        project or its packages may cause differences.
 
     Raises:
-        WrongInput: The folder has no such dataset or run, or its runs cannot be repeated.
+        WrongInput: The folder has no such dataset or run, or the run cannot be repeated.
     """
     contents = [read_json(file) for file in sorted(Path(folder).glob("*.json"))]
     summary = next(
@@ -38,16 +38,16 @@ def repeat_run(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
     rows = pd.DataFrame() if summary is None else runs_of(Path(folder), summary)
     stored = rows[rows.case == case] if len(rows) else rows
     if summary is None or stored.empty:
-        raise WrongInput(f"{folder} has no dataset with a case {case}")
+        raise WrongInput(f"{folder} has no dataset with case {case}")
     name = str(summary["experiment"])
     repeatable_runs = getattr(sys.modules[study(name).__module__], "repeatable_runs", None)
     if repeatable_runs is None:
-        raise WrongInput(f"runs of fjh {name} cannot be repeated")
+        raise WrongInput(f"runs of study {name} cannot be repeated, only of recover, sweep, atlas")
     runs, repeat = repeatable_runs(summary)
     parameters, row = runs[case], stored.iloc[0]
     if changed := [k for k, v in parameters.parameters().items() if not _is_same(row.get(k), v)]:
         raise WrongInput(
-            f"case {case} cannot be repeated: this version samples another {changed[0]}"
+            f"case {case} cannot be repeated: this version of fjh samples another {changed[0]}"
         )
     columns, run = repeat(parameters)
     comparison = pd.DataFrame({"stored": row, "flown": pd.Series(columns)}).loc[[*columns]]

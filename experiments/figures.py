@@ -1,4 +1,4 @@
-"""Study `figures`: margins of the control loops, and pointing in each failure condition."""
+"""Study `figures`: margins of the pointing loops, and pointing in each failure condition."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -46,7 +46,7 @@ def figures(*, model: MachineFile = None, on_progress: OnProgress) -> Result:
 
     Designs both pointing loops for the machine: transfer functions, margins, a Bode plot. A map
     shows in which of the 3^6 conditions of healthy, locked and free struts pointing is possible.
-    10 s.
+    Takes 10 s.
 
     Writes figures.json, its tables as figures.md and Parquet, and bode and atlas, each as .png and
     .pdf.
@@ -80,7 +80,7 @@ def figures(*, model: MachineFile = None, on_progress: OnProgress) -> Result:
 
 
 def open_loop(plant: LinearPlant, pointing: Array, loop: Loop, row: int) -> OpenLoop:
-    """Compute the response of the loop of one pointing angle, alpha in row 0 or beta in row 1."""
+    """Return the response of the loop of alpha (row 0) or beta (row 1)."""
     frequency_hz = np.geomspace(0.1, 0.4 / loop.period_s, 1500)
     P, C = (
         control.frequency_response(system, 2 * np.pi * frequency_hz).complex
@@ -90,7 +90,7 @@ def open_loop(plant: LinearPlant, pointing: Array, loop: Loop, row: int) -> Open
 
 
 def class_counts(classes: Sequence[Classification]) -> pd.DataFrame:
-    """Count the conditions in each class, in all and by the number of failed struts."""
+    """Return the number of conditions in each class, total and by number of failed struts."""
     rows = [
         {"verdict": entry.name, "pointing": entry.label, "conditions": int(entry.holds.sum())}
         | {f"failures_{k}": int(count) for k, count in enumerate(entry.by_failures)}
@@ -182,7 +182,7 @@ def _margin(
 
 
 def figure_atlas(classes: Sequence[Classification]) -> Figure:
-    """Plot the class of all 3^6 conditions, and the share of each over the number of failures."""
+    """Plot the class of all 3^6 conditions, and fractions of classes by number of failures."""
     figure, present = new_figure(PAGE_IN, 4.9), [entry for entry in classes if entry.holds.any()]
     count = {entry.name: entry.holds.sum() for entry in classes}
     figure.suptitle(
@@ -201,7 +201,7 @@ def figure_atlas(classes: Sequence[Classification]) -> Figure:
 
 
 def _map(axes: Axes, classes: Sequence[Classification]) -> None:
-    """Plot the map: struts 1 to 3 down the rows, 4 to 6 along the columns, in the atlas' order."""
+    """Plot a map of conditions: struts 1 to 3 down the rows, 4 to 6 along the columns."""
     number = np.argmax([entry.holds for entry in classes], axis=0)  # noqa: TID251 - truth values
     axes.pcolormesh(
         number.reshape(27, 27),
@@ -228,7 +228,6 @@ def _map(axes: Axes, classes: Sequence[Classification]) -> None:
 
 
 def _by_failures(axes: Axes, classes: Sequence[Classification]) -> None:
-    """Plot the share of each class over the number of failures."""
     conditions = np.sum([entry.by_failures for entry in classes], axis=0)
     left, rows = np.zeros(len(conditions)), range(len(conditions))
     for entry in classes:

@@ -47,7 +47,7 @@ W4_LEVER = (1.0, 1.0, 1.0, 3.0)
 
 Weights = tuple[Sequence[float] | None, Sequence[float] | None]
 GOALS: dict[int, Weights] = {7: (W3_HOT, W4_LEVER), 8: (W3_HOT, None), 9: (None, W4_LEVER)}
-"""Diagonals of W3 and W4 in Problem 6, by the theorem that solves it without failures; None: 0."""
+"""Diagonals of W3 and W4 in Problem 6, by number of the theorem that solves it; None: zero."""
 WITHOUT_W4, PRESCRIBED = 8, 9
 
 OTHER_TORQUES = 60  # torques of the same major force, at random
@@ -67,7 +67,7 @@ LIMIT, COST_EXCESS, ROUND_OFF_N = 1.0, 1e-9, 1e-9  # limits of the checks, the f
 
 @dataclass(frozen=True)
 class Condition:
-    """Failure condition: one failed strut, 0..5, or no failure with kind None."""
+    """Failure condition with one failed strut 0..5, or none if `kind` is None."""
 
     kind: FailureKind | None = None
     strut: int = 0
@@ -99,9 +99,9 @@ def healthy_system(path: Path, task: Sequence[int]) -> ConstrainedSystem:
 
 
 def with_fixture(path: Path) -> mujoco.MjModel:
-    """Return the machine of an MJCF file with an inactive weld from the world to its payload.
+    """Return the machine of an MJCF file with a fixture, an inactive weld of its payload.
 
-    The weld is bilateral, so that there is no contact to maintain, and as stiff as the closures.
+    The weld acts in both directions, unlike a contact, and is as stiff as the closures.
     """
     spec = mujoco.MjSpec.from_file(str(path))
     closure = spec.equality("closure1")
@@ -119,10 +119,10 @@ def with_fixture(path: Path) -> mujoco.MjModel:
 
 
 class Gauges:
-    """Gauges of the forces of closures, locks and fixture in MuJoCo, near the nominal pose."""
+    """Gauges for the forces of closures, locks and fixture in MuJoCo, near the nominal pose."""
 
     def __init__(self, plant: Plant, task: Sequence[int] = range(6)) -> None:
-        """Measure the wrench on the fixture in these rows of the payload twist."""
+        """Prepare to measure the fixture's wrench in these rows of the payload twist."""
         model = copy.copy(plant.model)
         model.opt.disableactuator = 0  # struts without coil have gauges, too
         healthy = jacobians(model, mujoco.MjData(model), site="payload", axes="base")
@@ -130,7 +130,7 @@ class Gauges:
         self._J_T, self._active = healthy.J_T[self._task], healthy.active
 
     def read(self) -> Array:
-        """Return fixture wrench (6,), strut and lock forces (n,), payload displacement (6,)."""
+        """Return fixture wrench (6,), forces of struts and of locks (n,), payload motion (6,)."""
         joints, wrench = range(len(self._active)), np.zeros(6)
         # J_T^T maps the fixture's wrench to the joints; the sign is that of the mechanism on it.
         wrench[self._task] = -np.linalg.lstsq(self._J_T.T, self._on_joints(FIXTURE))[0]
@@ -149,9 +149,9 @@ class Gauges:
 
 
 class Readings(NamedTuple):
-    """Readings of the gauges relative to those before the first load.
+    """Readings of the gauges under L loads, relative to those before the first load.
 
-    Each of the L loads is a step that lasts S samples; at the last of them the machine is at rest.
+    Each load lasts S samples; at the last one the machine is at rest.
     """
 
     fixture: Array  # wrench [moment; force] exerted on it, (L, S, 6)
@@ -168,12 +168,12 @@ def simulate_load(
     wrenches: Array | None = None,
     task: Sequence[int] = range(6),
 ) -> Readings:
-    """Simulate torques (L, n), [N], that press on the fixture or balance external wrenches.
+    """Simulate torques (L, n) [N] that press on the fixture or balance external wrenches.
 
     Args:
         model: Model of :func:`with_fixture`.
         failures: Failures of its actuators.
-        torques: Torques of all actuators, one load a row.
+        torques: Torques of all actuators, a load in each row.
         wrenches: Wrenches (L, 6) in base axes that the mechanism exerts on the world, without a
             fixture.
         task: Rows of the payload twist that the mechanism can move.
@@ -221,7 +221,7 @@ def prefixed(where: str, arrays: dict[str, Array]) -> dict[str, Array]:
 
 
 def difference_percent(simulated: Array, expected: Array) -> float:
-    """Return the distance of all rows from the expected ones, relative to these [%]."""
+    """Return the norm of the difference of all rows, relative to the expected ones [%]."""
     return 100 * float(np.linalg.norm(simulated - expected) / np.linalg.norm(expected))
 
 
@@ -239,9 +239,9 @@ def sample_wrenches(rng: np.random.Generator, count: int) -> Array:
 
 
 def equilibrium_set(system: ConstrainedSystem, major: Array) -> tuple[Array, Array]:
-    """Return all [torques; secondary force] of a failed mechanism with the major forces (D, 2).
+    """Return all [torques; secondary force] of a failed mechanism that exert major forces (D, 2).
 
-    One solution for each major force (D, 10), and a basis of the differences of solutions (10, d).
+    The set is a solution for each major force (D, 10), plus combinations of a basis (10, d).
     """
     balance = np.vstack([system.J_T, system.J_C]).T  # velocities x [f; f_C]
     failed = sorted(system.failures.locked | system.failures.free)
@@ -265,7 +265,7 @@ def least_cost(weight: Array, possible: tuple[Array, Array], desired: Array) -> 
 
 
 def closure_forces(system: ConstrainedSystem, kin: Kinematics, f: Array, torques: Array) -> Array:
-    """Return the forces of the closures along actuated joints, eqs. (5) and (11)."""
+    """Return the closures' forces along actuated joints, eqs. (5) and (11)."""
     f_C = kin.constraint_force(f, torques)[:, : len(system.J_C)]  # after these, the locks'
     return (f_C @ system.J_C)[:, system.active]
 
@@ -274,7 +274,7 @@ def closure_forces(system: ConstrainedSystem, kin: Kinematics, f: Array, torques
 
 
 class Solution(NamedTuple):
-    """Solution of the mapping for commanded wrenches [moment; force], one a row."""
+    """Solution of the mapping for D commanded wrenches [moment; force]."""
 
     exact: bool  # whether the status is exact
     torques: Array  # of the coils, (D, 6), [N]; zero at failed struts
@@ -308,10 +308,10 @@ def solve_theorem(system: ConstrainedSystem, theorem: int, targets: Array) -> So
 
 
 def simulate_condition(condition: Condition, system: ConstrainedSystem, targets: Array) -> Part:
-    """Simulate commanded wrenches (D, 6) on the fixture and against loads; the failure is known.
+    """Simulate commanded wrenches (D, 6) on the fixture and against loads, with a known failure.
 
-    A strut that loses its spring also loses its preload, which carries the weight: it is simulated
-    without gravity, and not against prescribed wrenches, which no spring would balance.
+    A strut that loses its spring also loses the preload that carries the weight. It is simulated
+    without gravity, and without prescribed wrenches, which no spring would balance.
     """
     model = with_fixture(HEXAPOD_MJCF)
     if condition.kind == "loose":
@@ -333,7 +333,7 @@ def simulate_condition(condition: Condition, system: ConstrainedSystem, targets:
 def _press(
     condition: Condition, model: mujoco.MjModel, targets: Array, theorem: int, solution: Solution
 ) -> Part:
-    """Simulate a solution on the fixture, and without it against the wrench that it exerts."""
+    """Simulate a solution on the fixture, and without fixture against the wrench that it exerts."""
     pressed = simulate_load(model, condition.failures, solution.torques)
     loaded = simulate_load(model, condition.failures, solution.torques, solution.wrench)
     fixture = pressed.fixture[:, -1]
@@ -375,8 +375,8 @@ def _load(
 ) -> Part:
     """Simulate prescribed wrenches against the torques of a mapping, with these struts locked.
 
-    The rigid mapping has no springs: by eq. (9) a free strut bears no force. The elastic one leaves
-    this force to the strut's spring.
+    In the rigid mapping a free strut bears no force, eq. (9); in the elastic mapping its spring
+    does.
     """
     model = load_model()
     A, K = hexapod(model).inverse_jacobian(NOMINAL), payload_stiffness(model)
@@ -418,7 +418,7 @@ def payload_stiffness(model: mujoco.MjModel) -> Array:
 
 
 def compare_torques(moment: Array, rng: np.random.Generator) -> Part:
-    """Compare torques for one major force (2,): of the mapping, random ones, pseudo-inverses."""
+    """Compare torques of the mapping, random ones and pseudo-inverses for a moment (2,)."""
     model, system = with_fixture(HEXAPOD_MJCF), failed_system(Condition())
     kin, W3 = system.kinematics(), np.array(W3_HOT)
     best = kin.expand(kin.force_mapping(MAJOR, SECONDARY, *GOALS[WITHOUT_W4])(moment[None]))
@@ -460,9 +460,9 @@ def compare_torques(moment: Array, rng: np.random.Generator) -> Part:
 
 
 def simulate_internal_force(rng: np.random.Generator) -> Part:
-    """Relieve each motor in turn, then squeeze, while the platform presses on the fixture.
+    """Simulate internal force of a platform that presses on the fixture.
 
-    Torques are J^T f, as in the paper, and J^T f + C^T eta.
+    Torques are J^T f, as in the paper, and J^T f + C^T eta, which relieves a motor or squeezes.
     """
     model, system = with_fixture(PLATFORM_MJCF), healthy_system(PLATFORM_MJCF, PLATFORM_TASK)
     kin = system.kinematics()
@@ -521,7 +521,7 @@ def force(
 
     Tests Theorems 7, 8 and 9 on the hexapod without failure, with a locked and with a free strut:
     it presses against a fixed environment, or balances a prescribed wrench. A platform on four legs
-    tests the internal force. 35 s on two cores, 12 s with --quick.
+    tests the internal force. Takes 35 s on two cores, 12 s with --quick.
 
     Writes force.json, its tables as force.md and Parquet, a figure, and all commanded and measured
     forces (force.npz).
@@ -555,7 +555,7 @@ def force(
 
 
 def checks(tables: dict[str, pd.DataFrame]) -> list[Check]:
-    """Check forces and motions against the prediction, and the cost against other torques."""
+    """Return checks of forces, motions and costs against predictions and other torques."""
     theorems, uses = tables["theorems"], tables["internal_force"]
     theorems = theorems.set_index(["condition", "theorem " + theorems.theorem.astype(str)])
     # Clamped, a lock and the fixture share a wrench that no torque affects: not compared.
@@ -630,13 +630,13 @@ CAPTION = (
     "wrenches, the weight of one motor three times that of the others."
 )
 ALT = (
-    "Left: the force mapping alone has the least torque and no error, and pseudo-inverses fall "
-    "towards it. Right: with internal force the hot motor has a third of its force."
+    "Left: only the force mapping has no error; that of pseudo-inverses falls towards it with "
+    "increasing torque. Right: with internal force the hot motor has a third of its force."
 )
 
 
 def figure(tradeoff: pd.DataFrame, internal_force: pd.DataFrame) -> Figure:
-    """Plot the error of the moment over the torque, and the force of a hot motor."""
+    """Plot moment errors over torques, and the force of a hot motor."""
     figure = new_figure(PAGE_IN, 3.0)
     left, right = figure.subplots(1, 2)
     for method, marker, color, size in (

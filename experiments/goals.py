@@ -1,4 +1,4 @@
-"""Study `goals`: four secondary goals that must not change the pointing; docs/priorities.md."""
+"""Study `goals`: four secondary goals, which must not change the pointing; docs/priorities.md."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -38,21 +38,21 @@ from sim import Array, load_model
 REFERENCE = "unlimited"
 """Name of the reference run, without limit and without goal."""
 EVALUATED_FROM_S = physics.SLEW_S + 0.5
-"""Start of the evaluation [s], twenty time constants of the slower loop after the slew."""
+"""Start of the evaluation [s], twenty time constants of the slower loop after the slew's end."""
 CHANGES = {
     "rms_change_urad": "change of the RMS of the pointing error",
     "peak_change_urad": "change of its peak",
     "difference_rms_urad": "RMS of the change of pointing, tick by tick",
     "difference_peak_urad": "largest change of pointing at one tick",
 }
-"""Measures of the change of pointing by a goal, to be less than that by another noise seed."""
+"""Measures of the change of pointing by a goal; another noise seed must change it more."""
 DETAILS = "temperature_c", "singular_values"
-"""Names of arrays that a recording shows in addition to the measure, if the run has them."""
+"""Names of further arrays that a recording shows, if the run has them."""
 
 
 @dataclass(frozen=True)
 class SecondaryGoal:
-    """Secondary goal, and the run in which it is necessary.
+    """Secondary goal, with a run in which it is necessary.
 
     Attributes:
         name: Name in `goals.json`.
@@ -61,7 +61,7 @@ class SecondaryGoal:
         measure: Name of the measure with its unit, as in the data file.
         label: Label of the measure in figures.
         limit: Limit of the measure.
-        keeps_below: Whether the measure must stay below the limit, else above.
+        keeps_below: Whether the measure must stay below the limit; otherwise above.
         duration_s: Durations of the run, in full and with --quick.
         angles: Names of the two pointing errors.
     """
@@ -78,7 +78,7 @@ class SecondaryGoal:
 
     @property
     def on_arm(self) -> bool:
-        """Flag of the serial arm; the machine is the hexapod otherwise."""
+        """True if the machine is the serial arm; otherwise it is the hexapod."""
         return self.name == "singularity"
 
 
@@ -154,7 +154,7 @@ SETTINGS: dict[str, Any] = {
 
 
 def strategies(seed: int, *, quick: bool) -> list[Strategy]:
-    """Return all runs of one goal: with it, without it, compromises, and other noise seeds."""
+    """Return the runs of a goal: pursued, not pursued, pseudo-inverses, other noise seeds."""
     weights = (10.0,) if quick else (1.0, 10.0, 100.0)
     pursued = Strategy("pursued", pursues=True, major_weight=None, limited=True, seed=seed)
     unlimited = replace(pursued, name=REFERENCE, pursues=False, limited=False)
@@ -175,10 +175,10 @@ def goals(
 ) -> Result:
     """Pursue four secondary goals, and measure whether pointing changes.
 
-    The goals are to keep coils cool, struts off their stops, the payload away from an obstacle,
-    and an arm away from a singularity. Each is simulated with the mapping, without the goal, and
-    with a weighted pseudo-inverse. With the mapping the pointing must change less than with another
-    noise seed. 75 s on two cores, 30 s with --quick.
+    The goals are to keep coils cool, struts off their stops, the payload away from an obstacle, and
+    an arm away from a singularity. Each is simulated with the mapping, without the goal, and with a
+    weighted pseudo-inverse. With the mapping the pointing must change less than by another noise
+    seed. Takes 75 s on two cores, 30 s with --quick.
 
     Writes goals.json, its tables as goals.md and Parquet, a figure, and for each goal its data
     (.npz) and its recording (.rrd).
@@ -262,9 +262,9 @@ def angle_rows(
 
 
 def another_seed(angles: pd.DataFrame) -> pd.DataFrame:
-    """Return the largest changes by the noise seed alone, by goal.
+    """Return the largest changes that other noise seeds cause, by goal.
 
-    RMS and peak differ between any two seeds, the error at each tick from that with the first seed.
+    RMS and peak are compared between all pairs of seeds, errors at ticks with the first seed.
     """
     seeds = angles[angles.name.str.startswith(REFERENCE)]
     by_angle = seeds.groupby(["goal", "angle"], sort=False)[["rms_urad", "peak_urad"]]
@@ -275,18 +275,18 @@ def another_seed(angles: pd.DataFrame) -> pd.DataFrame:
 
 
 def larger(angles: pd.DataFrame) -> pd.DataFrame:
-    """Return the larger magnitude of both angles, by goal and run."""
+    """Return the larger magnitude of the two angles, by goal and run."""
     sizes = angles.set_index(["goal", "name"]).drop(columns="angle").abs()
     return sizes.groupby(["goal", "name"], sort=False).max()
 
 
 def over_another_seed(angles: pd.DataFrame, another_seed: pd.DataFrame) -> pd.DataFrame:
-    """Return the changes of each run divided by those of another seed, by goal and run."""
+    """Return the changes of each run divided by those of another noise seed, by goal and run."""
     return larger(angles)[list(CHANGES)].div(another_seed.set_index("goal"), level="goal")
 
 
 def checks(runs: pd.DataFrame, angles: pd.DataFrame, another_seed: pd.DataFrame) -> list[Check]:
-    """Check that only the goal keeps the limit, and that pointing changes less than by noise."""
+    """Return checks that only the goal keeps the limit and pointing changes less than by noise."""
     by_run = runs.set_index(["goal", "name"])
     beyond = (by_run.worst - by_run.limit).where(by_run.keeps_below, by_run.limit - by_run.worst)
     pursued, nothing = (
@@ -326,7 +326,7 @@ def printed_tables(
 
 
 def arrays(goal: SecondaryGoal, runs: Mapping[str, GoalRun]) -> dict[str, Array]:
-    """Return the arrays of all runs, prefixed with their names; of other seeds only the error."""
+    """Return the arrays of all runs, prefixed by the runs' names; for other seeds only errors."""
     arrays_by_name = {"time_s": runs[REFERENCE].time_s}
     for name, run in runs.items():
         run_arrays = {"error_rad": run.error_rad}
@@ -343,7 +343,7 @@ def record(
     folder: Path,
     **tables: pd.DataFrame,
 ) -> None:
-    """Write the recording: the goal pursued and not pursued, side by side."""
+    """Write the recording of two runs side by side: the goal pursued, and not pursued."""
     bench = {} if goal.on_arm else settings["bench"]
     sha256 = settings["model_sha256"]["arm" if goal.on_arm else "fjh"]
     measure, side = goal.label.replace("$", ""), "below" if goal.keeps_below else "above"
@@ -405,15 +405,15 @@ def _plots(goal: SecondaryGoal, run: GoalRun) -> list[Plot]:
 
 
 CAPTION = (
-    "Four secondary goals, pursued through the mapping and not pursued. Below: RMS of the change "
-    "of the pointing at each control tick, relative to a run with nothing to avoid, over the "
-    "change that another noise seed makes. Coils that are not kept cool do not change the pointing."
+    "Four secondary goals, pursued through the mapping and not pursued. Below: RMS change of the "
+    "pointing from a run with nothing to avoid, divided by the change that another noise seed "
+    "causes. Hot coils do not change the pointing."
 )
 ALT = (
     "Four panels: coil temperature, stroke left, clearance and condition number cross their limits "
-    "if the goal is not pursued, and stay within them if it is. Below, marks of the pursued goals "
-    "left of the line of another noise seed, those not pursued and those of pseudo-inverses with "
-    "small weights far to the right."
+    "if the goal is not pursued, and stay within them if it is. Below, marks of pursued goals are "
+    "left of the line of another noise seed; marks of goals not pursued, and of pseudo-inverses "
+    "with small weights, are far to the right."
 )
 STYLES: dict[str, dict[str, Any]] = {
     "nothing": {"color": VERMILION, "marker": "o", "label": "goal not pursued"},
@@ -427,7 +427,7 @@ def figure(
     angles: pd.DataFrame,
     another_seed: pd.DataFrame,
 ) -> Figure:
-    """Plot the measure of each goal over time, and below the change of the pointing."""
+    """Plot the measure of each goal over time, and below it the change of the pointing."""
     figure = new_figure(PAGE_IN, 6.0)
     panels = figure.subplot_mosaic([[0, 1], [2, 3], [4, 4]], height_ratios=[1, 1, 1.1])
     for k, goal in enumerate(GOALS):
@@ -455,7 +455,6 @@ def _measure(axes: Axes, goal: SecondaryGoal, runs: Mapping[str, GoalRun]) -> No
 
 
 def _changes(axes: Axes, changes: pd.DataFrame, runs: pd.DataFrame) -> None:
-    """Plot the change of the pointing by each strategy, divided by that by another seed."""
     weights = runs[runs.major_weight > 0].drop_duplicates("name").set_index("name").major_weight
     rows, text = range(len(changes)), ", ".join(f"{weight:g}" for weight in weights)
     for row, compromised in enumerate(changes[weights.index].to_numpy()):

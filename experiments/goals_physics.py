@@ -1,4 +1,4 @@
-"""Simulations of the study `goals`: four secondary goals, and controllers that pursue them."""
+"""Simulations for the study `goals`: four secondary goals, and controllers that pursue them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -75,7 +75,7 @@ class Strategy:
         name: Name in `goals.json`.
         pursues: Whether the goal is pursued.
         major_weight: Weight of pointing in a weighted pseudo-inverse; None: strict priority.
-        limited: Whether the limit exists: the stop, the obstacle, the locked shoulder.
+        limited: Whether there is something to avoid: stop, obstacle, locked shoulder.
         seed: Seed of the sensor noise.
     """
 
@@ -88,7 +88,7 @@ class Strategy:
 
 @dataclass(frozen=True)
 class GoalRun:
-    """Results of one run; the first axis is time.
+    """Results of one run of N ticks.
 
     Attributes:
         time_s: Time, (N,).
@@ -107,32 +107,32 @@ class GoalRun:
 
 Loops = tuple[Loop, Loop]
 Rates = Callable[[Array, Pose], Array]
-"""Function from commanded strut displacements (6,) and estimated payload pose to desired strut
-rates (6,), theta_ad of eq. (24), [m]/[s]."""
+"""Type of functions from commanded strut displacements (6,) and estimated payload pose to desired
+strut rates (6,) [m]/[s], theta_ad of eq. (24)."""
 
 
 # Desired rates and weights of the goals.
 
 
 def joint_weights(temperature_c: Array) -> Array:
-    """Return the diagonal of W1 for coil temperatures (6,): a smooth step from 1 to HEAVIEST."""
+    """Return the diagonal of W1 for coil temperatures (6,), a smooth step from 1 to HEAVIEST."""
     return 1.0 + (HEAVIEST - 1.0) * smooth_step((temperature_c - WARM_C) / (LIMIT_C - WARM_C))
 
 
 def rates_from_stops(displacements_m: Array, stroke_m: float) -> Array:
-    """Return the desired strut rates (6,), [m]/[s]: away from stops, zero while none is near.
+    """Return desired strut rates (6,) [m]/[s] away from stops, zero if no stop is near.
 
-    Negative gradient of half the sum of squared displacements beyond the active part of the stroke,
-    divided by the time constant; after Chaumette and Marchand (2000), reference [3] of the paper.
+    They are the negative gradient of half the sum of squared displacements beyond a fraction of the
+    stroke, divided by a time constant; after Chaumette and Marchand (2000), reference [3].
     """
     beyond = np.maximum(0.0, np.abs(displacements_m) - ACTIVE * stroke_m)
     return -np.sign(displacements_m) * beyond / RELAX_S
 
 
 def cluttered() -> mujoco.MjModel:
-    """Return the hexapod with a sphere next to its mirror cell; contact is as stiff as closures.
+    """Return the hexapod with a sphere next to its mirror cell; contact is as stiff as loops.
 
-    The sphere's centre is on the y axis of the world, at the height of the cell's centre.
+    The sphere is on the y axis of the world, at the height of the cell's centre.
     """
     spec = mujoco.MjSpec.from_file(str(HEXAPOD_MJCF))
     cell = spec.geom("mirror_cell")
@@ -155,7 +155,7 @@ def cluttered() -> mujoco.MjModel:
 
 
 class Clearance:
-    """Distance and direction of the payload from the obstacle, as a function of its pose."""
+    """Function from the payload's pose to its distance from the obstacle and the direction away."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Take the model of :func:`cluttered`."""
@@ -166,9 +166,9 @@ class Clearance:
         self._obstacle, self._cell = model.geom("obstacle").id, model.geom("mirror_cell").id
 
     def __call__(self, pose: Pose) -> tuple[float, Array]:
-        """Return the clearance [m], negative if they overlap, and the unit vector (3,) away.
+        """Return the clearance [m], negative for overlap, and the direction (3,) away.
 
-        The vector is in base axes.
+        The vector has base axes.
         """
         turn, at = self._to_world @ pose.rotation @ self._to_world.T, self._joint
         self._data.qpos[:] = self._model.qpos0
@@ -184,17 +184,17 @@ class Clearance:
 
 
 def retreat(clearance: Clearance, pose: Pose) -> Array:
-    """Return the desired secondary velocity, v_sd of eq. (24): [t_x, t_y, t_z, gamma], base axes.
+    """Return the desired secondary velocity [t_x, t_y, t_z, gamma], v_sd of eq. (24), in base axes.
 
-    Negative gradient, over translations, of half the squared deficit to the safe clearance, divided
-    by the time constant, [m]/[s]; no roll.
+    It is the negative gradient by translation of half the squared deficit to the safe clearance,
+    divided by a time constant, [m]/[s]; gamma is zero.
     """
     distance, away = clearance(pose)
     return np.append(max(0.0, SAFE_M - distance) / RELAX_S * away, 0.0)
 
 
 def manipulability(axes: Array) -> float:
-    """Compute Yoshikawa's measure sqrt(det(J_m J_m^T)) of pointing, J_m the first rows of `axes`.
+    """Return Yoshikawa's measure sqrt(det(J_m J_m^T)) of pointing, J_m the first rows of `axes`.
 
     Args:
         axes: Directions of the joints in payload axes, from the base outwards, shape (3, n).
@@ -204,10 +204,10 @@ def manipulability(axes: Array) -> float:
 
 
 def manipulability_gradient(axes: Array) -> Array:
-    """Compute the gradient of :func:`manipulability` over the joint angles (n,) of a serial arm.
+    """Return the gradient of :func:`manipulability` by the joint angles (n,) of a serial arm.
 
-    Seen from the payload, joint j turns the axes of all joints before it by -a_j x a_i, and none
-    after it; with w the measure, dw = w tr(J_m^+ dJ_m).
+    In payload axes, joint j turns the axes a_i of all joints before it at the rate -a_j x a_i, and
+    of none after it. The measure w has the differential dw = w tr(J_m^+ dJ_m).
     """
     J_m, n = axes[:2], axes.shape[1]
     turned = -np.cross(axes[:, :, None], axes[:, None, :], axis=0)[:2]  # (2, j, i)
@@ -223,7 +223,7 @@ def controller_for(
 ) -> PrioritizedController[Pose]:
     """Return the hexapod's controller for a goal, with the mapping or a weighted pseudo-inverse.
 
-    The Jacobian is constant, whose pointing error within the stroke is less than that of noise.
+    The Jacobian is constant; within the stroke its pointing error is less than that by noise.
     """
     allocate = None
     if major_weight is not None:
@@ -237,21 +237,21 @@ def controller_for(
 def without_roll(measurement: Measurement, pose: Pose) -> Measurement:
     """Correct a reading of the detector for the roll of the payload.
 
-    The detector turns with the payload: off the axis, roll moves the spot at constant pointing. The
-    correction is pointing minus reading at the estimated pose.
+    The detector turns with the payload, so that roll moves a spot off the axis at constant
+    pointing. The correction is pointing minus reading at the estimated pose.
     """
     read, pointed = -pointing_angles(pose.rotation.T), pointing_angles(pose.rotation)
     return Measurement(measurement.output - read + pointed, measurement.displacement)
 
 
 def no_rates(displacements_m: Array, pose: Pose) -> Array:
-    """Return zero desired strut rates: no secondary goal."""
+    """Return desired strut rates of zero, for runs without a secondary goal."""
     return np.zeros_like(displacements_m)
 
 
 @dataclass(frozen=True)
 class SeekerState(NestedState):
-    """State of a :class:`Seeker`, including that of its controller.
+    """State of a :class:`Seeker` and of its controller.
 
     Attributes:
         secondary_reference: Integral of the desired strut rates, (6,).
@@ -282,7 +282,7 @@ class Seeker:
     reweighs: bool = False
 
     def start(self) -> SeekerState:
-        """Return the state at rest at the nominal pose, with cold coils."""
+        """Return the state at rest, at the nominal pose, with cold coils."""
         steering = self.controller_for(self.goal)
         return SeekerState(steering.start(), 0, np.zeros(6), COILS.cold(), steering)
 
@@ -300,7 +300,7 @@ class Seeker:
 
 
 def target_path(target_urad: tuple[float, float], duration_s: float) -> Array:
-    """Return a path (N, 2): a slew to the expected position of the target, then a spiral there."""
+    """Return a path (N, 2) [rad]: a slew to where a target is expected, then a spiral there."""
     time_s = BENCH.time_s(duration_s)
     path = smooth_step(time_s / SLEW_S)[:, None] * 1e-6 * np.array(target_urad)
     searching = time_s >= SLEW_S
@@ -310,7 +310,7 @@ def target_path(target_urad: tuple[float, float], duration_s: float) -> Array:
 
 
 def simulate_reliability(strategy: Strategy, duration_s: float, loops: Loops) -> GoalRun:
-    """Simulate a search at a target where two coils become hot."""
+    """Simulate a search for a target where two coils become hot."""
     testbed = Testbed(load_model(), BENCH, loops)
     make_controller = partial(controller_for, testbed, strategy.major_weight)
     path = target_path(HOT_TARGET_URAD, duration_s)
@@ -322,7 +322,7 @@ def simulate_reliability(strategy: Strategy, duration_s: float, loops: Loops) ->
 
 
 def simulate_stroke(strategy: Strategy, duration_s: float, loops: Loops) -> GoalRun:
-    """Simulate a search at a target where two struts reach their stops."""
+    """Simulate a search for a target where two struts reach their stops."""
     model = load_model()
     stroke_m = float(model.jnt_range[model.actuator_trnid[0, 0], 1])
     testbed = Testbed(model, BENCH, loops)
@@ -338,7 +338,7 @@ def simulate_stroke(strategy: Strategy, duration_s: float, loops: Loops) -> Goal
 
 
 def simulate_obstacle(strategy: Strategy, duration_s: float, loops: Loops) -> GoalRun:
-    """Simulate a search at a target where the payload comes near an obstacle."""
+    """Simulate a search for a target where the payload comes near an obstacle."""
     obstructed = cluttered()
     model, clearance = obstructed if strategy.limited else load_model(), Clearance(obstructed)
     testbed = Testbed(model, BENCH, loops)
@@ -374,7 +374,7 @@ class ArmState:
     Attributes:
         inputs: Commanded joint rates, (7,).
         start_rad: Joint angles at the start of the period, (7,).
-        J_T: Twist of the camera per joint rate in camera axes, halfway through it, (6, 7).
+        J_T: Jacobian of the camera's twist in camera axes, halfway through the period, (6, 7).
         ticks: Number of ticks so far.
     """
 
@@ -385,13 +385,13 @@ class ArmState:
 
 
 class ArmController:
-    """Controller that points the camera at a target with known path, W1 the identity.
+    """Controller that points the camera at a target with known path; W1 is the identity.
 
-    If the goal is pursued, it increases the manipulability as far as pointing allows.
+    If the strategy pursues the goal, it increases the manipulability as far as pointing allows.
     """
 
     def __init__(self, model: mujoco.MjModel, turns_rad: Array, strategy: Strategy) -> None:
-        """Take the rotation of the line of sight in each period (N, 3), base axes."""
+        """Take the desired rotation of the line of sight in each period (N, 3), in base axes."""
         self._turns_rad, self._strategy = turns_rad, strategy
         self._data = mujoco.MjData(model)
         self._reader = JacobianReader(model, site="payload", axes="payload")
@@ -426,15 +426,15 @@ class ArmController:
 
 
 class Tracker:
-    """Tracker in the camera, as :class:`.Sensors`; it measures the target once a tick."""
+    """Tracker in the camera that measures the target once per tick, a :class:`.Sensors`."""
 
     def __init__(self, views: Array, axis: Array, seed: int) -> None:
-        """Take the directions of the target (N, 3) and the axis of the sweep (3,); base axes."""
+        """Take the directions of the target (N, 3) and the axis of the sweep (3,), in base axes."""
         self._views, self._axis = iter(views), axis
         self._rng = np.random.default_rng(seed)
 
     def read(self, pose: Pose, displacements: Array) -> Reading:
-        """Return the rotation of the line of sight from the target, (2,) in camera axes, noisy."""
+        """Return the noisy rotation of the line of sight from the target, (2,), in camera axes."""
         view = next(self._views)
         deviation, across = np.cross(pose.rotation[:, 2], view), np.cross(self._axis, view)
         # Sampled in the axes of the sweep: the noise does not depend on the camera's roll.
@@ -444,7 +444,7 @@ class Tracker:
 
 
 class Servos:
-    """Drives from joint rates (7,) to commands of the position servos, called once a period."""
+    """Drives from joint rates (7,) to commands of position servos, called once per period."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         """Start at the nominal pose."""
@@ -453,7 +453,7 @@ class Servos:
         self._command_rad = np.zeros(model.nu)
 
     def __call__(self, rates: Array) -> Array:
-        """Return the joint angles at the end of the period, with the lead of the servos."""
+        """Return the joint angles at the end of the period, with a lead against servo lag."""
         self._command_rad = self._command_rad + PERIOD_S * rates
         return self._command_rad + self._lead_s * rates
 
@@ -461,8 +461,8 @@ class Servos:
 def simulate_singularity(strategy: Strategy, duration_s: float, loops: Loops) -> GoalRun:
     """Simulate a sweep of the arm's line of sight about a perpendicular axis.
 
-    Its error is [about the axis of the sweep, across it], its measure the condition number of the
-    pointing Jacobian. The loops are the hexapod's and unused.
+    The error is [about the axis of the sweep, across it]; the measure is the condition number of
+    the pointing Jacobian. `loops`, those of the hexapod, are not used.
     """
     model, locked = load_model(ARM_MJCF), SHOULDER if strategy.limited else ()
     working = [joint for joint in range(model.nu) if joint not in locked]

@@ -48,7 +48,7 @@ VARIANTS: dict[str, tuple[JacobianChoice, DisplacementForm]] = {
     "incremental": ("analytic", "incremental"),
     "relinearized": ("analytic", "gauss_newton"),
 }
-"""Jacobian and form of displacements of each variant of the mapping, by name."""
+"""Jacobian and form of displacements in each variant of the mapping, by name."""
 
 # Factors of the stroke and of the spiral. The triangles of struts cannot close beyond 100 times the
 # stroke; the spiral may be larger.
@@ -70,28 +70,28 @@ COSTS_PERCENT = (1.0, 10.0)  # values for which the size of the spiral is interp
 # Readings of eq. (38): interpretations of the rates of [alpha, beta, gamma, t_x, t_y, t_z].
 
 Reading = Callable[[Pose, Array], Array]
-"""Function from poses (...) and base-axes twists J (..., 6, 6) to the matrices compared."""
+"""Type of functions from poses (...) and base-axes twists J (..., 6, 6) to compared matrices."""
 
 VERTICES = np.array(list(product((1.0, -1.0), repeat=6)))
-"""Vertices of the box of strut lengths, in strokes."""
+"""Vertices of the box of strut lengths, in units of the stroke."""
 
 
 def twist_in_base_axes(_pose: Pose, J: Array) -> Array:
-    """Return J unchanged: the twist [omega; v] of the payload origin per strut rate."""
+    """Return J, the twist [omega; v] of the payload origin per strut rate, unchanged."""
     return J
 
 
 def twist_in_payload_axes(pose: Pose, J: Array) -> Array:
-    """Return [omega; v] of the payload origin in payload axes, per strut rate."""
+    """Return the twist [omega; v] of the payload origin per strut rate, in payload axes."""
     to_payload = pose.rotation.swapaxes(-1, -2)
     return np.concatenate([to_payload @ J[..., :3, :], to_payload @ J[..., 3:, :]], axis=-2)
 
 
 def euler_rates(last: int) -> Reading:
-    """Return the reading as rates of three successive angles about x, y and z; v in base axes.
+    """Return the reading as rates of three Euler angles about x, y and z, with v in base axes.
 
-    The axis `last`, 2 for R = R_x R_y R_z and 0 for R = R_z R_y R_x, turns with the payload; the
-    first one is fixed, and the axis of y is perpendicular to both.
+    The axis `last` (2 for R = R_x R_y R_z, 0 for R = R_z R_y R_x) turns with the payload, the first
+    axis is fixed, and the axis of y is perpendicular to both.
     """
 
     def reading(pose: Pose, J: Array) -> Array:
@@ -105,17 +105,17 @@ def euler_rates(last: int) -> Reading:
 
 
 def inverse(_pose: Pose, J: Array) -> Array:
-    """Return the inverse of J: strut rates per twist."""
+    """Return the inverse of J, strut rates per twist."""
     return np.linalg.inv(J)
 
 
 def in_millimetres(_pose: Pose, J: Array) -> Array:
-    """Return J with rotations in rad/mm and displacements in mm/mm."""
+    """Return J in [rad]/[mm] for rotations and [mm]/[mm] for translations."""
     return J * np.array([1e-3] * 3 + [1.0] * 3)[:, None]
 
 
 def at_height(height_m: float) -> Reading:
-    """Return the reading as twist of the payload's point at this height along z_b."""
+    """Return the reading as the twist of the payload point at a height [m] along z_b."""
 
     def reading(pose: Pose, J: Array) -> Array:
         arm = height_m * pose.rotation[..., :, 2]
@@ -132,14 +132,14 @@ READINGS: dict[str, Reading] = {
     "Euler rates, R = Rz Ry Rx": euler_rates(last=0),
     "Euler rates, R = Rx Ry Rz": euler_rates(last=2),
 }
-"""Readings of eq. (38), by name."""
+"""Readings of the rates in eq. (38), by name."""
 
 
 # Eq. (40): largest distance of the Jacobian from the nominal one.
 
 
 def jacobian_at(geometry: Hexapod, displacements_m: Array, reading: Reading) -> Array:
-    """Return J at strut displacements (..., 6), in a reading."""
+    """Return the Jacobian in a reading at strut displacements (..., 6)."""
     pose = forward_kinematics(geometry, displacements_m)
     return reading(pose, np.linalg.inv(geometry.inverse_jacobian(pose)))
 
@@ -154,7 +154,7 @@ def relative_change(
 
 
 class Variation(NamedTuple):
-    """Value of eq. (40): the largest ||J - J_0|| / ||J_0||, and its strut displacements (6,)."""
+    """Value of eq. (40), the largest ||J - J_0|| / ||J_0||, with its strut displacements (6,)."""
 
     value: float
     at_strut_m: Array
@@ -167,7 +167,7 @@ def variation(
     reading: Reading = twist_in_base_axes,
     seed: int = 0,
 ) -> Variation:
-    """Compute eq. (40) over all strut displacements of at most the stroke, by global search.
+    """Compute eq. (40) over all strut displacements up to the stroke, by global search.
 
     Differential evolution (Storn and Price 1997) from the 64 vertices: J is nearly linear in the
     strut lengths and a norm is convex, so that the largest change is at or near a vertex. A local
@@ -197,11 +197,11 @@ def variation(
 def alternative_values(
     geometry: Hexapod, stroke_m: float, norm: Norm, reading: Reading, starts: int, seed: int
 ) -> dict[str, float]:
-    """Compute alternatives to the supremum of e over the box, among them local searches.
+    """Return alternatives, by name, to the largest relative change e over the box.
 
-    The local searches resemble fmincon: sequential quadratic programming with finite-difference
-    gradients, SLSQP (Kraft 1988), on lengths in metres with default tolerances, started at the
-    first of the random points.
+    Two of them are extremes of local searches that resemble fmincon: sequential quadratic
+    programming with finite differences, SLSQP (Kraft 1988), on lengths in metres with default
+    tolerances, started at the first random points.
     """
     points_m = np.random.default_rng(seed).uniform(-stroke_m, stroke_m, (RANDOM_POINTS, 6))
     e = partial(relative_change, geometry, norm=norm, reading=reading)
@@ -235,10 +235,10 @@ def alternative_values(
 def reading_rows(
     geometry: Hexapod, stroke_m: float, starts: int, seed: int, on_progress: OnProgress
 ) -> pd.DataFrame:
-    """Return a row for each reading of eq. (40): e in both norms, and whether it is the paper's.
+    """Return a row for each reading of eq. (40): e in both norms, and its agreement with the paper.
 
-    For a fraction of the stroke between `low_fraction` and `high_fraction` a reading gives the
-    paper's rounded values: e is proportional to the stroke, here to 1 %.
+    For fractions of the stroke from `low_fraction` to `high_fraction` a reading gives the paper's
+    rounded values; e is proportional to the stroke to 1 %.
     """
     top_m, rows = float(geometry.top_m[:, 2].mean()), []
     readings = READINGS | {
@@ -274,7 +274,7 @@ def reading_rows(
 def certified_row(
     geometry: Hexapod, stroke_m: float, norm: Norm, values: pd.Series
 ) -> dict[str, Any]:
-    """Return a row for eq. (40) in one norm: the value, its certified bound, the terms."""
+    """Return a row for eq. (40) in one norm: value, certified bound, and terms of the bound."""
     proof = certify(geometry, stroke_m, norm)
     parts = [*proof.terms, proof.remainder, proof.upper_bound]
     over = np.array(parts) / size(jacobian_at(geometry, np.zeros(6), twist_in_base_axes), norm)
@@ -293,7 +293,7 @@ def certified_row(
 
 @dataclass(frozen=True)
 class Case:
-    """Parameters of a run: a column of Table I, a key of VARIANTS, the noise seed, its size."""
+    """Parameters of a run: column of Table I, key of VARIANTS, noise seed, size."""
 
     column: str
     variant: str
@@ -303,22 +303,22 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Name of its files, without suffix."""
+        """Name of the run's files, without suffix."""
         return f"{self.column}_x{self.spiral_factor:g}_{self.variant}_seed{self.seed}"
 
     @property
     def is_recorded(self) -> bool:
-        """Flag of runs whose data and recording are written."""
+        """True if data and recording of the run are written."""
         return self.column == SCALED_COLUMN and (self.stroke_factor, self.spiral_factor) in RECORDED
 
     @property
     def testbed(self) -> Testbed:
-        """Testbed with scaled stroke and spiral."""
+        """Testbed with the stroke and spiral of this size."""
         return nominal_testbed().scaled(stroke=self.stroke_factor, spiral=self.spiral_factor)
 
 
 def cases(seed: int, quick: bool) -> list[Case]:
-    """Return all runs: each variant at nominal size for three columns, and scaled for one."""
+    """Return all runs: each variant for three columns at nominal size, and for one at all sizes."""
     columns = (SCALED_COLUMN,) if quick else AT_NOMINAL
     selected = [Case(c, v, seed) for c in columns for v in VARIANTS]
     selected += [Case(c, "analytic", seed + 1) for c in columns]
@@ -377,7 +377,7 @@ def comparison(run: Run, analytic: Run, relinearized: Run) -> dict[str, Any]:
 
 
 def run_rows(done: Sequence[tuple[Case, Run, dict[str, Any]]], seed: int) -> pd.DataFrame:
-    """Return a row for each run, with its comparison to others of its size, and eq. (40)."""
+    """Return a row for each run, with its comparison and the value of eq. (40) on its path."""
     by_case, rows, geometry = {case: run for case, run, _ in done}, [], hexapod(load_model())
     for case, run, row in done:
         analytic, relinearized = (
@@ -393,13 +393,13 @@ def run_rows(done: Sequence[tuple[Case, Run, dict[str, Any]]], seed: int) -> pd.
 
 
 def scaled_runs(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs of the scaled column by size of the spiral, in columns by variant."""
+    """Return the runs of the scaled column, rows by size of the spiral and columns by variant."""
     scaled = runs[(runs.column == SCALED_COLUMN) & (runs.seed == runs.seed.iloc[0])]
     return scaled.set_index(["spiral_factor", "variant"]).unstack()
 
 
 def cost_rows(runs: pd.DataFrame) -> pd.DataFrame:
-    """Return the sizes at which the constant Jacobian costs 1 % and 10 %, interpolated."""
+    """Return the interpolated sizes at which the constant Jacobian costs 1 % and 10 %."""
     sizes = ["spiral_factor", "e_visited_frobenius"]
     constant = scaled_runs(runs).xs("constant", axis=1, level="variant").reset_index()
     log, rows = np.log(constant[[*sizes, *COSTS]].astype(float)), []
@@ -460,8 +460,8 @@ def jacobian(
 
     Computes the largest change of the Jacobian over the stroke and proves an upper bound, tests
     readings of eq. (40) that could give the paper's smaller numbers, and with --loop simulates the
-    error that a constant Jacobian causes for larger spirals and strokes. 20 s on two cores,
-    5 minutes with --loop.
+    error that a constant Jacobian causes for larger spirals and strokes. Takes 20 s on two cores, 5
+    minutes with --loop.
 
     Writes jacobian.json, its tables as jacobian.md and Parquet, and a figure; with --loop a second
     figure, and for some runs their data (.npz) and their recordings (.rrd).
@@ -511,11 +511,11 @@ def jacobian(
 
 
 def checks(tables: dict[str, pd.DataFrame], from_mjcf: float) -> list[Check]:
-    """Check that the bound is within 2 % of the value, and closed-loop runs against geometry.
+    """Return checks of the bound, within 2 % of the value, and of runs against geometry.
 
     Args:
         tables: Tables of the study, with or without closed-loop runs.
-        from_mjcf: Largest difference of eq. (39) from geometry and from the MJCF.
+        from_mjcf: Largest difference of eq. (39) from geometry and MJCF.
     """
     values = tables["variation"].assign(norm=tables["variation"].norm + " norm").set_index("norm")
     over, where = values.value / values.certified_upper_bound, "eq. (40)"
@@ -595,7 +595,7 @@ LOOP_ALT = (
 
 
 def figure(readings: pd.DataFrame, variation: pd.DataFrame) -> Figure:
-    """Plot e at the corners of the box, its certificate, and all readings with the paper's pair."""
+    """Plot e at the corners of the box, its bound, and all readings with the paper's values."""
     figure, half = new_figure(PAGE_IN, 3.2), 100 * paper.JACOBIAN_VARIATION_TOLERANCE
     left, right = figure.subplots(1, 2)
     printed = [100 * paper.JACOBIAN_VARIATION[norm] for norm in NORMS]

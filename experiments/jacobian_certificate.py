@@ -4,9 +4,9 @@ The proof is in docs/jacobian.md. In short, for every l in the box |l_k| <= s,
 
     J(l) - J(0) = T1[l] + T2[l, l] + T3[l, l, l] + R(l).
 
-A norm of a linear map is convex, so each T is largest at a combination of vertices of the box, all
-of which are evaluated; R is at most the largest fourth Taylor coefficient anywhere in the box,
-which is bounded by triangle inequalities.
+A norm of a linear map is convex, so that the norm of each T is largest at a combination of vertices
+of the box; all combinations are evaluated. R is at most the largest fourth Taylor coefficient in
+the box, which triangle inequalities bound.
 
 The coefficients come from a power series. On the ray l = t d the lengths are L + t d, and the
 payload moves with the twist [omega; v] = J d:
@@ -38,7 +38,7 @@ Norm = Literal["frobenius", "two"]
 NORMS: tuple[Norm, ...] = get_args(Norm)
 
 _VERTICES = np.array([(1.0, *signs) for signs in product((1.0, -1.0), repeat=5)])
-"""Half of the vertices of the box; the others are their negatives, with the same norms."""
+"""Half of the vertices of the box; the negatives of these vertices have the same norms."""
 
 Kind = TypeVar("Kind", Array, float)
 
@@ -80,7 +80,7 @@ def jacobian_series(geometry: Hexapod, direction_m: Array, order: int) -> Series
 
 
 def jacobian_forms(geometry: Hexapod, stroke_m: float, order: int) -> list[Array]:
-    """Compute the coefficients as symmetric multilinear forms, on struts in units of the stroke.
+    """Return the coefficients as symmetric multilinear forms of displacements in strokes.
 
     Polarization: T(d1, ..., dk) = sum over signs of e1 ... ek P(e1 d1 + ... + ek dk) / (2^k k!).
 
@@ -110,7 +110,7 @@ def _coefficient(
 
 @dataclass(frozen=True)
 class Certificate:
-    """Bound on sup ||J - J_0|| over the box: the sum of bounds on the Taylor terms."""
+    """Upper bound on ||J - J_0|| over the box, as a sum of bounds on Taylor terms."""
 
     terms: tuple[float, ...]
     """Largest norm of the linear, quadratic and cubic term."""
@@ -178,18 +178,18 @@ def _remainder_with(geometry: Hexapod, stroke_m: float, norm: Norm, length_m: fl
 
 
 def unscaled(length_m: float, norm: Norm) -> float:
-    """Return a bound on |M| / |D M|_2, D = diag(c, c, c, 1, 1, 1), c the given length."""
+    """Return a bound on |M| / |D M|_2 with D = diag(c, c, c, 1, 1, 1) and the length c."""
     return float(size(np.diag([1 / length_m] * 3 + [1.0] * 3), norm))
 
 
 def coefficient_bounds(
     geometry: Hexapod, stroke_m: float, length_m: float, largest_J: float
 ) -> Series[float]:
-    """Bound the coefficients of :func:`jacobian_series` at any point of any ray in the box.
+    """Return bounds on the coefficients of :func:`jacobian_series` at all points in the box.
 
-    The recursion is that of the series, with lengths for vectors and 2-norms for matrices, of A / D
-    and of D J. The stroke, half the side of the box, is less than the shortest strut; length_m is c
-    of D = diag(c, c, c, 1, 1, 1), which weights rotations; ||D J|| <= largest_J on the rays.
+    The recursion is that of the series, with lengths instead of vectors and 2-norms instead of the
+    matrices A / D and D J, where D = diag(c, c, c, 1, 1, 1) weights rotations by c = `length_m`.
+    The stroke, half the box, is less than the shortest strut; `largest_J` bounds ||D J||.
     """
     L, shortest = geometry.nominal_length_m, float(geometry.nominal_length_m.min()) - stroke_m
     over_length = [(stroke_m / shortest) ** k / shortest for k in range(ORDER + 2)]

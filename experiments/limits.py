@@ -1,4 +1,4 @@
-"""Study `limits`: ways to keep actuators within their limits, in the loop; docs/priorities.md."""
+"""Study `limits`: ways to keep actuators within limits in closed loop; docs/priorities.md."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -61,7 +61,7 @@ Limits = tuple[Array, Array]
 
 @dataclass(frozen=True)
 class Strategy:
-    """Strategy to obey the limits; kind is a key of :data:`ALLOCATIONS`, or "unlimited"."""
+    """Strategy to keep limits; `kind` is a key of :data:`ALLOCATIONS`, or "unlimited"."""
 
     kind: str
     weight: float | None = None  # of the major task in the weighted problem
@@ -76,7 +76,7 @@ class Strategy:
 
 
 def strategies(*, quick: bool, loop: bool) -> list[Strategy]:
-    """Return the strategies compared in the hexapod's loop, or on the arm, without integrator."""
+    """Return the strategies for the hexapod's loop, or for the arm, which has no integrator."""
     slowness = ((1.0, 10.0) if quick else SLOWNESS) if loop else (1.0,)
     weights = ((10.0,) if loop else ()) if quick else WEIGHTS
     return [
@@ -100,7 +100,7 @@ def strict(
     secondary: Sequence[int],
     when: Any = "least_squares",
 ) -> Any:
-    """Return the library's mapping: limits, then the major task, then secondary goals."""
+    """Return the library's mapping, with limits before the major task before secondary goals."""
     W1 = np.ones(len(kinematics.actuators))
     return kinematics.velocity_mapping(major, secondary, W1, rate_limits=limits, when_limited=when)
 
@@ -117,10 +117,10 @@ def clipping(
 def redistributed(
     kinematics: Kinematics, limits: Limits, major: Sequence[int], secondary: Sequence[int]
 ) -> Any:
-    """Return the redistributed pseudo-inverse: the others compensate for saturated actuators.
+    """Return the redistributed pseudo-inverse, in which others compensate for saturated actuators.
 
-    Rates beyond their limits are fixed there and the others solved again, until none is beyond;
-    the result need not be optimal within the limits (Virnig and Bodden 1994; Bodson, Evaluation of
+    Rates beyond their limits are fixed at these, and the other rates are solved again, until all
+    are within limits. The result need not be optimal (Virnig and Bodden 1994; Bodson, Evaluation of
     Optimization Methods for Control Allocation, 2002).
     """
     J, (lower, upper) = kinematics.J[major], np.array(limits)[:, kinematics.actuators]
@@ -149,7 +149,7 @@ def weighted(
     secondary: Sequence[int],
     weight: float,
 ) -> Any:
-    """Return one least-squares problem within the limits, with a weight on the major task."""
+    """Return a mapping by one least-squares problem within limits, with a weighted major task."""
     W1, rows = np.ones(len(kinematics.actuators)), [*secondary, *major]
     W2 = np.repeat([0.0, weight], [len(secondary), len(major)])
     equals = kinematics.velocity_mapping([], rows, W1, W2, rate_limits=limits)
@@ -166,7 +166,7 @@ ALLOCATIONS: dict[str, Callable[..., Any]] = {
 
 
 def _solving(rates_for: Callable[..., Array]) -> Any:
-    """Wrap a function from velocities to rates of survivors as a mapping with limits."""
+    """Return a mapping with limits from a function of velocities to rates of working actuators."""
     return SimpleNamespace(solve=lambda *velocities: SimpleNamespace(rates=rates_for(*velocities)))
 
 
@@ -181,7 +181,7 @@ def allocation(strategy: Strategy) -> Callable[..., Any]:
 
 @dataclass(frozen=True)
 class Condition:
-    """Condition: whether strut 1 is stuck off centre, which is known, and the payload raised."""
+    """Condition: whether strut 1 is stuck off centre (known), and whether the payload is raised."""
 
     stuck: bool
     heave: bool
@@ -193,7 +193,7 @@ class Condition:
 
     @property
     def locked_at(self) -> dict[int, float]:
-        """Displacements of locked struts [m], as in :class:`ftc.Goal`."""
+        """Displacements of locked struts [m] by number, as in :class:`ftc.Goal`."""
         return {0: STUCK_M} if self.stuck else {}
 
     @property
@@ -208,7 +208,7 @@ class Condition:
 
 
 def spiral_rad(duration_s: float, turn_s: float) -> Array:
-    """Return desired (alpha, beta), shape (N, 2): outwards until halfway, back, then at rest."""
+    """Return desired (alpha, beta), shape (N, 2), [rad]: a spiral outwards and back, then rest."""
     time_s = BENCH.time_s(duration_s)
     radius = RADIUS_RAD * np.sin(np.pi * (time_s / (duration_s - REST_S)).clip(0, 1)) ** 2
     turned = 2 * np.pi * time_s / turn_s
@@ -216,7 +216,7 @@ def spiral_rad(duration_s: float, turn_s: float) -> Array:
 
 
 def limits_of(testbed: Testbed) -> Limits:
-    """Return the displacement limits of the struts [m] by stroke and current."""
+    """Return the limits of the strut displacements [m] by stroke and current."""
     return displacement_limits(testbed.model, testbed.amplifier(), CURRENT_LIMIT_A)
 
 
@@ -231,7 +231,7 @@ def outline(testbed: Testbed, condition: Condition) -> Array:
 
 
 def strut_mapping(testbed: Testbed, condition: Condition, strategy: Strategy) -> StrutMapping:
-    """Return the strut mapping with equal weights, with limits obeyed by the strategy."""
+    """Return the strut mapping with equal weights, and limits treated by the strategy."""
     goal = Goal(joint_weight=(1.0,) * 6, locked_at=condition.locked_at)
     limits, solve_rates = None, None
     if strategy.kind != "unlimited":
@@ -245,7 +245,7 @@ def strut_mapping(testbed: Testbed, condition: Condition, strategy: Strategy) ->
 def simulate(
     testbed: Testbed, condition: Condition, strategy: Strategy, path_rad: Array, seed: int
 ) -> Run:
-    """Simulate a spiral; without limits on a machine with longer strokes and cooler coils.
+    """Simulate a spiral; "unlimited" uses a machine with longer strokes and cool coils.
 
     Raises:
         sim.SimulationDiverged: The state is not finite.
@@ -274,7 +274,7 @@ def simulate(
 def spiral_row(
     testbed: Testbed, condition: Condition, strategy: Strategy, run: Run, unlimited: Run
 ) -> dict[str, Any]:
-    """Return the row of a spiral, compared with that of the machine without limits."""
+    """Return the row of a spiral, compared with the run of the machine without limits."""
     period_s, error = testbed.bench.control_period_s, np.linalg.norm(run.error, axis=1)
     deviation = np.linalg.norm(run.true - unlimited.true, axis=1)
     attainable = signed_distance(outline(testbed, condition), run.desired) > 0
@@ -306,7 +306,7 @@ def spiral_row(
 
 
 def condition_row(testbed: Testbed, condition: Condition, path_rad: Array) -> dict[str, Any]:
-    """Return the row of a condition: the attainable pointing and the stability of the loop."""
+    """Return the row of a condition, with attainable pointing and stability of the loop."""
     shortfall = -np.minimum(signed_distance(outline(testbed, condition), path_rad), 0.0)
     return {
         "condition": condition.name,
@@ -333,7 +333,7 @@ def longest(holds: Array) -> int:
 
 
 def signed_distance(corners: Array, points: Array) -> Array:
-    """Return the distance of points (N, 2) from a convex outline, (N,): negative outside."""
+    """Return the distance (N,) of points (N, 2) from a convex outline, negative outside."""
     along = np.roll(corners, -1, axis=0) - corners
     length, offsets = np.linalg.norm(along, axis=1), points[:, None] - corners
     fraction = ((offsets * along).sum(axis=2) / length**2).clip(0, 1)
@@ -347,7 +347,7 @@ def excess_row(
 ) -> dict[str, Any]:
     """Return the excess of the mapping's pointing error over the minimum, for infeasible demands.
 
-    The minimum is the distance from the outline of attainable pointing: geometry, no optimization.
+    The minimum is the distance from the outline of attainable pointing, known from geometry.
     """
     excess = []
     for condition in conditions:
@@ -372,7 +372,7 @@ def excess_row(
 
 
 def line_of_sight(time_s: Array, duration_s: float) -> Array:
-    """Return the desired unit vectors in base axes, shape (N, 3)."""
+    """Return the desired line of sight as unit vectors in base axes, shape (N, 3)."""
     eased = smooth_step(time_s / EASE_S) * smooth_step((duration_s - time_s) / EASE_S)
     tilt, turned = TILT_RAD * eased, 2 * np.pi * time_s / CIRCLE_S
     across = np.sin(tilt)
@@ -380,7 +380,7 @@ def line_of_sight(time_s: Array, duration_s: float) -> Array:
 
 
 def move_arm(strategy: Strategy, duration_s: float) -> dict[str, Array]:
-    """Simulate resolved rates with feedback; return time (N,), error (N,), joint angles (N, 7)."""
+    """Simulate the arm by resolved rates with feedback; return time, error (N,), angles (N, 7)."""
     model = load_model(ARM_MJCF)
     data, reader = mujoco.MjData(model), JacobianReader(model, site="payload", axes="payload")
     system = ConstrainedSystem.of(reader.at(data))
@@ -447,11 +447,11 @@ def limits(
 ) -> Result:
     """Compare ways to keep actuators within their limits, in the loop.
 
-    The hexapod follows a spiral beyond what stroke and coil current allow, without failure and with
-    strut 1 stuck off centre. An arm with limited joints follows a long path, and a joint locks
+    The hexapod follows a spiral beyond what stroke and coil current permit, without failure and
+    with strut 1 stuck off centre. An arm with limited joints follows a long path, and a joint locks
     halfway. Strict priority is compared with scaling, clipping (seven tracking times), a
-    redistributed pseudo-inverse and one weighted problem (eight weights). 6 min on two cores
-    (estimated), 20 s with --quick.
+    redistributed pseudo-inverse and one weighted problem (eight weights). Takes an estimated 6
+    minutes on two cores, 20 s with --quick.
 
     Writes limits.json, its tables as limits.md and Parquet, a figure, and the data of all runs
     (spirals.npz, arm.npz).
@@ -517,16 +517,16 @@ def limits(
 
 
 def over_strict(rows: list[dict[str, Any]], size: str) -> pd.DataFrame:
-    """Add the error relative to strict priority in the same condition to the rows."""
+    """Return rows with the error relative to that of strict priority in the same condition."""
     runs = pd.DataFrame(rows)
     strict = runs[runs.strategy == "strict"].set_index("condition")[size]
     return runs.assign(rms_over_strict=runs[size] / runs.condition.map(strict))
 
 
 def tuned_clipping(spirals: pd.DataFrame) -> pd.Series:
-    """Return the error of clipping over that of strict priority, with the best tracking time.
+    """Return the error of clipping, with the best tracking time, over that of strict priority.
 
-    The time is chosen in hindsight for each condition, which is impossible in practice.
+    The best time is chosen afterwards for each condition, which is impossible in practice.
     """
     return spirals[spirals.kind == "clipping"].groupby("condition").rms_over_strict.min()
 
@@ -534,7 +534,7 @@ def tuned_clipping(spirals: pd.DataFrame) -> pd.Series:
 def checks(
     spirals: pd.DataFrame, arm: pd.DataFrame, conditions: pd.DataFrame, out_of_reach: pd.DataFrame
 ) -> list[Check]:
-    """Check limits, priority, recovery, stability and closure."""
+    """Return checks of limits, priority, recovery, stability and closure."""
     by_strategy, arm_runs = spirals.set_index(["condition", "strategy"]), arm.set_index("strategy")
     limited = by_strategy[by_strategy.kind != "unlimited"]
     settled = limited[limited.kind != "weighted"].drop("strict_winding_up", level="strategy")
@@ -598,7 +598,7 @@ CAPTION = (
 ALT = (
     "Strict priority follows the outline of the attainable region. The best weight and the "
     "redistributed pseudo-inverse have the same error, clipping has more with any tracking time, "
-    "and a weight that is too small many times the error."
+    "and too small a weight causes many times the error."
 )
 LOOKS = {
     "healthy": {"color": BLUE, "marker": "o"},
@@ -612,7 +612,7 @@ LOOKS = {
 def figure(
     corners: Array, path_rad: Array, true: Array, spirals: pd.DataFrame, arm: pd.DataFrame
 ) -> Figure:
-    """Plot strict priority with strut 1 stuck, and the errors of all strategies over its own."""
+    """Plot strict priority with strut 1 stuck, and the errors of all strategies relative to it."""
     figure = new_figure(PAGE_IN, 4.2)
     plane, errors = figure.subplots(1, 2, width_ratios=[0.8, 1])
     plane.fill(*1e3 * corners.T, color=GREEN, alpha=0.2, lw=0, label="attainable")

@@ -54,13 +54,13 @@ GOALS: dict[FailureKind, dict[str, Goal]] = {
         "as_locked": replace(EQUAL, locked_at={STRUT: 0.0}),
     },
 }
-"""Goals of the mapping, by failure and correction: none; for the failure, where springs determine
-the strut's position; or for a locked strut, as if its damper held it at the centre."""
+"""Goals of the mapping, by failure and correction: none; for the failure, with springs that
+determine the strut's position; or as for a strut that its damper holds at the centre."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """Parameters of a spiral: failure of strut 1, its time, and the correction of the mapping."""
+    """Parameters of a spiral: failure of strut 1, its time, correction of the mapping."""
 
     name: str
     kind: FailureKind | None = None
@@ -85,7 +85,7 @@ def cases(half_s: float) -> list[Case]:
 
 
 class Spiral(NamedTuple):
-    """Simulated spiral, its row, and the payload twists (N, 6) predicted from its inputs."""
+    """Simulated spiral, with its row and the payload twists (N, 6) predicted from its inputs."""
 
     case: Case
     run: Run
@@ -96,7 +96,7 @@ class Spiral(NamedTuple):
 
 
 def simulate(rig: Rig, case: Case, path: Array, seed: int) -> Spiral:
-    """Simulate a spiral, and predict it with the linear model and the elastic mapping.
+    """Simulate a spiral, and predict its motion by the linear model and the elastic mapping.
 
     Raises:
         sim.SimulationDiverged: The state is not finite.
@@ -153,7 +153,7 @@ def true_twist(run: Run) -> Array:
 
 
 def equilibrium_row(model: mujoco.MjModel, ratio: float) -> dict[str, Any]:
-    """Return the row of the payload at rest, 100 urad of alpha commanded, strut 1 without coil.
+    """Return the row of the payload at rest for alpha = 100 urad, with strut 1 without coil force.
 
     Args:
         model: Hexapod without gravity.
@@ -205,7 +205,7 @@ def equilibrium_row(model: mujoco.MjModel, ratio: float) -> dict[str, Any]:
 
 
 def ground_row(model: mujoco.MjModel) -> dict[str, Any]:
-    """Return the row of the equilibrium with gravity when strut 1 loses spring and preload."""
+    """Return the row of the equilibrium with gravity after strut 1 has lost spring and preload."""
     plant = Plant(model)
     plant.break_loose(STRUT)
     twist, extension_m = settle(plant, np.zeros(6))
@@ -218,7 +218,7 @@ def ground_row(model: mujoco.MjModel) -> dict[str, Any]:
 
 
 def settle(plant: Plant, command_m: Array) -> tuple[Array, float]:
-    """Return the payload twist and the extension of the released strut at rest."""
+    """Return the payload twist (6,) and the released strut's extension [m] at rest."""
     plant.step(command_m, SETTLING_S)
     return plant.displacement(), float(plant.displacements()[STRUT])
 
@@ -233,7 +233,7 @@ def both(atlas: FailureAtlas) -> dict[str, Classes]:
 
 
 def single_failure_row(atlas: FailureAtlas, strut: int, kind: str, struts: str) -> dict[str, Any]:
-    """Return the row of a single failure: what remains of pointing."""
+    """Return the row of a single failure, with what remains of pointing."""
     classes, row = both(atlas)[struts], atlas.row(**{kind: [strut]})
     lost = classes.lost_secondary[row]
     return {
@@ -259,7 +259,7 @@ def atlas_row(atlas: FailureAtlas, struts: str) -> dict[str, Any]:
 
 
 def atlas_arrays(atlas: FailureAtlas) -> dict[str, Array]:
-    """Return all classifications as arrays; rows are conditions."""
+    """Return all classifications as arrays with a row for each condition."""
     arrays = {
         f"{struts}_{field.name}": getattr(classes, field.name)
         for (struts, classes), field in product(both(atlas).items(), fields(Classes))
@@ -283,10 +283,10 @@ def release(
 
     Strut 1 fails at the start or during the spiral, known or unknown to the mapping. Every spiral
     is compared with the linear model. The payload at rest is compared with the elastic mapping over
-    six decades of suspension stiffness. 35 s on two cores, 15 s with --quick.
+    six decades of suspension stiffness. Takes 35 s on two cores, 15 s with --quick.
 
-    Without its spring a strut has no preload, which carries the weight: those spirals, and the
-    payload at rest, are without gravity. With gravity the strut falls to its stop.
+    A strut without spring has no preload to carry the weight: with gravity it falls to its stop.
+    Therefore its spirals, and the payload at rest, are without gravity.
 
     Writes release.json, its tables as release.md and Parquet, a figure, all 3^6 conditions
     (atlas.npz), and for each spiral its data (.npz) and its recording (.rrd).
@@ -342,7 +342,7 @@ def checks(
     on_the_ground_without_spring: pd.DataFrame,
     **_: pd.DataFrame,
 ) -> list[Check]:
-    """Check closure, and motion, errors and rest positions against their predictions."""
+    """Return checks of closure, and of motion, errors and rest positions against predictions."""
     by_name, limit = spirals.set_index("name"), MISMATCH_LIMIT_PERCENT
     equilibria = sweep.set_index(sweep.suspension_over_swing.map("stiffness ratio {:g}".format))
     predicted = by_name.astype({f"predicted_{angle}_rms_urad": float for angle in ANGLES})
@@ -438,7 +438,7 @@ PLOTTED = {
     "free_in_flight_corrected": "coil force",
     "loose_in_flight_corrected": "coil force and spring",
 }
-"""Parts that strut 1 loses in the spirals of the figure, by name."""
+"""Parts that strut 1 loses, by name of the spirals in the figure."""
 
 
 def figure(sweep: pd.DataFrame, spirals: dict[str, Spiral]) -> Figure:

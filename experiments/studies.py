@@ -1,7 +1,6 @@
 """Registry of all studies, in reading order.
 
-A study is imported only when it is requested, so that the list of commands does not wait for
-MuJoCo.
+A study is imported when it is requested, so that the list of commands does not need MuJoCo.
 """
 
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""Rows of many runs: saved as they finish, and resumable after an interruption."""
+"""Simulation of many runs, whose rows are saved so that it can resume after an interruption."""
 
 import json
 import os
@@ -30,7 +30,7 @@ Row = dict[str, Any]
 class Where:
     """Options for where runs are simulated, and whether unfinished ones are resumed.
 
-    With `resume` None they are resumed if they are the same runs.
+    If `resume` is None, a study is resumed if its runs are the same.
     """
 
     scheduler: Annotated[
@@ -54,9 +54,10 @@ class Where:
     ] = False
 
     def __post_init__(self) -> None:
-        """Check the address, and that it is not combined with a number of workers."""
         if self.scheduler is not None and not re.fullmatch(r"\S+", self.scheduler):
-            raise WrongInput(f"--scheduler must be an address, got {self.scheduler!r}")
+            raise WrongInput(
+                f"--scheduler must be an address without blanks, got {self.scheduler!r}"
+            )
         if self.scheduler and self.workers:
             raise WrongInput("--workers are processes on this computer: omit it with --scheduler")
 
@@ -66,7 +67,7 @@ HERE = Where()
 
 
 def basis_of(**sampling: Any) -> dict[str, Any]:
-    """Return all that rows depend on, ready for JSON: sampling parameters, code and versions."""
+    """Return the basis of rows, ready for JSON: sampling parameters, hash of the code, versions."""
     numbers = {"pyarrow": version("pyarrow"), "pandas": version("pandas"), **versions()}
     hashes = {"code_sha256": code_sha256(), "model_sha256": model_sha256()}
     return plain({**sampling, **hashes, "processor": processor(), "versions": numbers})
@@ -82,14 +83,14 @@ def rows_of(
     folder: Path,
     on_progress: OnProgress,
 ) -> pd.DataFrame:
-    """Simulate all runs that are not finished yet; return all rows, ordered by their column `case`.
+    """Simulate all runs without a saved row; return all rows, ordered by the column `case`.
 
     The rows are the same to the last bit for any number of workers and interruptions.
 
     Args:
-        runs: Parameters of the runs, numbered from 0; small, since they are sent to the workers.
-        row_of: Function that makes the row of a run, importable by workers. Missing entries and
-            None become NaN.
+        runs: Parameters of the runs, numbered from 0, which are sent to the workers.
+        row_of: Function from a run to its row, importable by workers. Missing entries and None
+            become NaN.
         basis: Result of :func:`basis_of`.
         where: Options for where runs are simulated, and whether unfinished ones are resumed.
         name: Name of the study.
@@ -97,8 +98,9 @@ def rows_of(
         on_progress: Function called with the number of finished and of all runs.
 
     Raises:
-        WrongInput: The folder has finished runs of another study, or runs not to be resumed.
-        Interrupted: Ctrl-C; finished runs are saved.
+        WrongInput: The folder has unfinished runs of another study, or that `where` does not
+            resume.
+        Interrupted: Ctrl-C was pressed; finished runs are saved.
         Unsound: A run failed unexpectedly, or a worker was killed; finished runs are saved.
         OutputError: The folder cannot be written.
     """
@@ -149,7 +151,7 @@ def _simulated(
 
 
 def row_of_run(row_of: Callable[[Any], Row], run: Any) -> Row:
-    """Return the row of a run, on a worker.
+    """Return the row of a run; called by workers.
 
     Raises:
         Unsound: The run failed; the message has its number, the error and the line of code.
@@ -164,16 +166,16 @@ def row_of_run(row_of: Callable[[Any], Row], run: Any) -> Row:
 
 
 def _saved(name: str, folder: Path, basis: Mapping[str, Any], resume: bool | None) -> list[Row]:
-    """Return rows of finished runs: those of an unfinished study, else of published results.
+    """Return the saved rows of an unfinished study, or else those of published results.
 
-    Rows of other runs are removed if `resume` is None, and otherwise an error.
+    Rows of other runs are removed if `resume` is None; otherwise they are an error.
     """
     file, index = folder / UNFINISHED, folder / f"{name}.json"
     again = f"to start again, remove {file}"
     try:
         if os.path.lexists(file):
             if resume is False:
-                raise WrongInput(f"--out {folder} has unfinished runs: --resume, or {again}")
+                raise WrongInput(f"--out {folder} has unfinished runs: add --resume, or {again}")
             former, *rows = _lines(file) or [{}]
         elif resume and os.path.lexists(index):
             former = read_json(index)["basis"]
@@ -193,7 +195,7 @@ def _saved(name: str, folder: Path, basis: Mapping[str, Any], resume: bool | Non
 
 
 def _lines(file: Path) -> list[Row]:
-    """Return the rows in the lines of a file; remove an incomplete last line."""
+    """Return the rows in the lines of a file, and remove an incomplete last line."""
     *complete, incomplete = check_file(file).read_bytes().split(b"\n")
     if incomplete:
         os.truncate(file, file.stat().st_size - len(incomplete))

@@ -1,4 +1,4 @@
-"""Studies `sweep` and `atlas`: closed loops compared with the linear model; docs/priorities.md."""
+"""Studies `sweep` and `atlas`: many closed loops against the linear model; docs/priorities.md."""
 
 from collections.abc import Callable
 from dataclasses import asdict, replace
@@ -52,8 +52,8 @@ COLUMNS = ("status", "message", "diverged_at_s", "dac_step_urad", "predicted_pol
 
 TOLERANCE = 0.01
 """Largest relative distance of an RMS from the linear model's under the same noise, in addition to
-one step of the converters. The largest distance of 40 runs with varied weights, failures, loops,
-noise and converters was 44 % of both together."""
+one step of the converters. In 40 runs with varied weights, failures, loops, noise and converters
+the largest distance was 44 % of the sum."""
 MOST_POINTS = 2000  # in a figure: more cannot be distinguished
 
 MIRROR = (1, 0, 5, 4, 3, 2)
@@ -65,7 +65,7 @@ CLASSES = {
     "one_direction": ("one direction left", VERMILION),
     "none": ("none left", BLACK),
 }
-"""Labels and colours of the classes of conditions, by what is left of pointing."""
+"""Labels and colours of the classes of conditions."""
 
 
 # A run and its row.
@@ -73,7 +73,7 @@ CLASSES = {
 
 @cache
 def hexapod_plant() -> tuple[mujoco.MjModel, Array, tuple[Any, Array]]:
-    """Return the hexapod, its stiffness (12, 12), and the plant of its loops, once per process."""
+    """Return the hexapod, its stiffness (12, 12), and its linear plant, once per process."""
     model = load_model()
     return model, fault_tolerance.strut_and_payload_stiffness(model), nominal_plant(model)
 
@@ -82,10 +82,10 @@ def row_of(run: SweepRun) -> Row:
     """Simulate a run; return its row.
 
     Returns:
-        Its parameters, `status` and measured quantities, if any. A completed run has the status of
-        its mapping, "exact" if that performs the pointing task, or "unstable", if the linear
-        model's loop is. Others are "diverged": the state is not finite; or "refused": the loops
-        cannot be closed on this bench, or the physics cannot be stepped at its rate.
+        Parameters, `status` and measured quantities, if any. The status of a completed run is that
+        of its mapping ("exact" if it performs the pointing task), or "unstable" if the loop of the
+        linear model is unstable. Otherwise it is "diverged" (the state is not finite) or "refused"
+        (the loops cannot be closed, or the physics cannot be stepped).
     """
     model, stiffness, _ = hexapod_plant()
     row = run.parameters() | dict.fromkeys((*COLUMNS, *PREDICTED, *MEASURED))
@@ -107,7 +107,7 @@ def row_of(run: SweepRun) -> Row:
 
 
 def simulate_run(run: SweepRun) -> Run:
-    """Simulate a run; errors of the simulation are raised."""
+    """Simulate a run; raise the errors of the simulation."""
     rig, path = _rig(run), run.bench.spiral_rad(run.duration_s)
     controller = rig.controller()
     if run.known and run.failure_time_s > 0 and run.failures:
@@ -116,23 +116,22 @@ def simulate_run(run: SweepRun) -> Run:
 
 
 def _rig(run: SweepRun) -> Rig:
-    """Return the hexapod with the initial goal of a run."""
     goal = run.reconfigured if run.failure_time_s == 0 else run.goal
     return pursuing(_rig_of(run.bench), goal, jacobian=run.jacobian)
 
 
 @lru_cache(maxsize=8)
 def _rig_of(bench: TestbedConfig) -> Rig:
-    """Return the hexapod with these constants, linearized and settled once for all its runs."""
+    """Return the hexapod with these constants, linearized and settled once for all runs."""
     model, stiffness, plant = hexapod_plant()
     return hexapod_rig(Testbed(model, bench, designed(*plant, bench), stiffness))
 
 
 def _predicted(run: SweepRun) -> Row:
-    """Return the largest pole of the linear, sampled loop, and the RMS errors if it is stable.
+    """Return the largest pole of the sampled linear loop, and RMS errors if the loop is stable.
 
-    The row is empty if the linear model does not apply: the plant changes during the run, or a
-    strut without spring falls to its stop.
+    The row is empty if the linear model does not apply, because the plant changes during the run or
+    a strut without spring falls to its stop.
     """
     if any(failure.time_s > 0 or failure.kind == "loose" for failure in run.failures):
         return {}
@@ -174,7 +173,7 @@ def repeatable_runs(
     """Return the runs of a `sweep.json` or an `atlas.json`, and the function that repeats one.
 
     Raises:
-        WrongInput: There are more than a design may have.
+        WrongInput: There are more runs than a design may have.
     """
     design = Design(**summary["basis"]["design"])
     if design.runs > MOST_RUNS:
@@ -192,11 +191,11 @@ def repeat(run: SweepRun) -> tuple[Row, Run]:
 
 
 def compare_with_model(rows: pd.DataFrame) -> pd.DataFrame:
-    """Add columns with the distance from the linear model to the rows.
+    """Return the rows with columns on their distance from the linear model.
 
-    Columns: `off_percent`, relative to the predicted RMS, the larger of both angles;
-    `off_over_allowed`, too large from 1 on; `compared`, whether a run is predicted, completed and
-    not saturated.
+    The columns are `off_percent`, the larger distance of the two angles, relative to the predicted
+    RMS; `off_over_allowed`, the ratio to the tolerance; and `compared`, whether a run is predicted,
+    completed and not saturated.
     """
     predicted = rows[PREDICTED].to_numpy(float)
     off = np.abs(rows[RMS].to_numpy(float) - predicted)
@@ -209,7 +208,7 @@ def compare_with_model(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def prediction(rows: pd.DataFrame) -> pd.DataFrame:
-    """Summarize all runs that the linear model covers in one row."""
+    """Return one row that summarizes all runs that the linear model covers."""
     covered = rows[rows.compared]
     row = {
         "compared": len(covered),
@@ -236,7 +235,7 @@ def groups(rows: pd.DataFrame) -> pd.DataFrame:
 def influence(rows: pd.DataFrame, varied: list[str]) -> pd.DataFrame:
     """Return Spearman's rank correlation of each quantity with the RMS errors, largest first.
 
-    It is undefined, and left out, if all errors are equal.
+    The correlation is left out if all errors are equal.
     """
     done = rows[rows[RMS[0]].notna()]
     errors = done[RMS].set_axis([*ANGLES], axis=1).apply(ranks)
@@ -248,7 +247,7 @@ def influence(rows: pd.DataFrame, varied: list[str]) -> pd.DataFrame:
 
 
 def checks(rows: pd.DataFrame) -> list[Check]:
-    """Check RMS errors against the linear model, and closure residuals, of the runs it covers."""
+    """Return checks of RMS errors against the linear model, and of closure residuals."""
     covered = rows[rows.compared]
     if covered.empty:
         return []
@@ -293,12 +292,11 @@ def sweep(
     """Simulate many closed loops with varied weights, failures and constants.
 
     The design is a Latin hypercube or a grid over weights, failures, failure times and constants of
-    the testbed; each run is compared with the linear model. The default has 1000 runs of 4 s:
+    the testbed; each run is compared with the linear model. The default of 1000 runs of 4 s takes
     10 to 30 minutes on two cores, 20 s with --quick.
 
-    Rows are saved in OUT/unfinished.jsonl as they finish: after Ctrl-C, --resume continues. The
-    numbers are identical to the bit for any number of workers and interruptions, on processors of
-    one kind.
+    Rows are saved in OUT/unfinished.jsonl: after Ctrl-C, --resume continues. On processors of one
+    kind the numbers are identical for any number of workers and interruptions.
 
     Writes sweep.json, the rows as sweep.parquet (docs/priorities.md lists its columns), tables as
     sweep.md and Parquet, and a figure.
@@ -398,12 +396,12 @@ def atlas(
 ) -> Result:
     """Simulate the 138 failure conditions that differ by symmetry; compare them with theory.
 
-    In a failure condition each strut works, is locked, or is free (without force); the mapping
-    knows the condition. Of the 729, those that differ by rotation and mirror symmetry of the
-    machine are simulated for 2 s of the spiral with the weights W_a to W_e of Table I and with the
-    Jacobian of the nominal and of the estimated pose, and compared with their classification and
-    the linear model. Nine minutes on two cores, one with --quick. Clusters, interruption and
-    --resume are as in fjh sweep.
+    In a failure condition each strut works, is locked, or is free (without force), and the mapping
+    is informed. Of the 729 conditions, those that are not equal by rotation or mirror symmetry are
+    simulated for 2 s of the spiral with the weights W_a to W_e of Table I and the Jacobians of the
+    nominal and of the estimated pose, and compared with their classification and the linear model.
+    Takes nine minutes on two cores, one with --quick. Clusters, interruption and --resume are as in
+    fjh paper sweep.
 
     Writes atlas.json, the rows as atlas.parquet (docs/priorities.md lists its columns), tables as
     atlas.md and Parquet, and a figure.
@@ -456,7 +454,7 @@ def atlas(
 
 
 def representatives() -> list[str]:
-    """Return one condition of each set that is equal by rotations of 120 degrees and mirroring."""
+    """Return one condition of each set of conditions that are equal by rotation and mirroring."""
 
     def first(condition: str) -> str:
         turned = [condition[k:] + condition[:k] for k in (0, 2, 4)]
@@ -468,7 +466,7 @@ def representatives() -> list[str]:
 
 @cache
 def classified() -> pd.DataFrame:
-    """Classify all 729 conditions for the task (alpha, beta); the index is the condition code."""
+    """Return the classes of all 729 conditions for the task (alpha, beta), by condition."""
     atlas = failure_atlas(fault_tolerance.elastic_system(load_model()), MAJOR)
     elastic = atlas.elastic
     assert elastic is not None  # the hexapod has springs
@@ -486,7 +484,7 @@ def classified() -> pd.DataFrame:
 
 
 def class_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return medians of prediction and simulation for each class with each Jacobian."""
+    """Return medians of predicted and simulated errors for each class with each Jacobian."""
     medians = {
         f"{source}_{angle}_median_urad": (names[k], "median")
         for k, angle in enumerate(ANGLES)
@@ -506,12 +504,12 @@ def class_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def disagreements(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the runs off their prediction, the largest distance first, explained by theory or not.
+    """Return the runs off their prediction, the largest distance first, with their explanation.
 
-    Explained is a condition that has lost pointing, simulated with the Jacobian of the estimated
-    pose: it is singular at the nominal pose only. Near that the mapping moves in the lost direction
-    with a gain of 1e5, and the wound-up integrators saturate the amplifiers. With the constant
-    Jacobian the same condition must be as predicted, and so must all others.
+    A run is `explained` if its condition loses pointing and its Jacobian is that of the estimated
+    pose, which is singular at the nominal pose only: near it the mapping moves in the lost
+    direction with a gain of 1e5, and the wound-up integrators saturate the amplifiers. All other
+    runs must be as predicted.
     """
     # Runs that are not completed, or have no prediction, are off as well.
     agrees = (rows.off_over_allowed < 1) & rows.compared
@@ -524,7 +522,7 @@ def disagreements(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def atlas_checks(rows: pd.DataFrame) -> list[Check]:
-    """Check the number of runs that contradict the classification, and closure residuals."""
+    """Return checks of the number of runs that contradict the classification, and of closure."""
     where, off_rows = "all conditions", disagreements(rows)
     contradicted = off_rows[~off_rows.explained]
     for run in contradicted.head(1).itertuples():

@@ -1,4 +1,4 @@
-"""Design of a sweep: the varied quantities, read from a TOML file, and the runs."""
+"""Design of a sweep: the varied quantities, from a TOML file, and the runs."""
 
 import json
 import tomllib
@@ -25,14 +25,14 @@ from sim import Failure
 
 DEFAULT = Path(__file__).with_name("sweep.toml")
 MOST_RUNS = 200_000
-"""Largest number of runs, whose rows are in memory."""
+"""Largest number of runs, because all rows are in memory."""
 
 ACTIVE = tuple(f"joint_weight_{k}" for k in range(1, 7))
 SECONDARY = tuple(f"secondary_weight_{name}" for name in ("t_x", "t_y", "t_z", "gamma"))
 """Names of the factors on the diagonals of W1 and W2, in the order of the paper."""
 
 BENCH = tuple(each.name for each in fields(TestbedConfig) if "duration_s" not in each.name)
-"""Names of the testbed's constants that a design can vary; the duration is the design's."""
+"""Names of the testbed's constants that a design can vary."""
 
 _ONES = (1.0,) * 6
 WEIGHTS = {each.name: (each.goal.joint_weight, each.goal.secondary_weight) for each in COLUMNS[:5]}
@@ -52,23 +52,23 @@ LIMITS: dict[str, tuple[float, float]] = {
     "seed": (0, 2**32 - 1),
     **{name: BENCH_LIMITS[name] for name in BENCH if name in BENCH_LIMITS},
 }
-"""Lower and upper bound of each number, which is an integer if these are."""
+"""Lower and upper bound of each number, which is an integer if its bounds are integers."""
 
 VARIED = ("struts", *CHOICES, *LIMITS)
 """Names of all quantities that can be varied."""
 
 Factor = list[Any] | dict[str, Any]
-"""Varied quantity: a list of values, or a range with keys from, to, log, and points in a grid."""
+"""Varied quantity: a list of values, or a range with the keys from, to, log, points (in a grid)."""
 
 
 @dataclass(frozen=True)
 class Design:
-    """Design of a sweep; quantities that are not among the factors are those of the testbed.
+    """Design of a sweep; quantities that it does not vary are those of the testbed.
 
     Attributes:
         layout: "latin-hypercube": each range is divided into as many intervals as there are runs,
             with one run in each; "grid": all combinations of values, the last factor fastest.
-        runs: Number of runs; of a grid the first ones.
+        runs: Number of runs; in a grid, of the first ones.
         duration_s: Duration of each run.
         factors: Varied quantities, by name.
     """
@@ -81,10 +81,10 @@ class Design:
 
 @dataclass(frozen=True)
 class SweepRun:
-    """Parameters of a run of a sweep; small, since they are sent to the workers.
+    """Parameters of a run of a sweep, which are sent to workers.
 
-    The weights are those named `weight` times their factors: diagonals of W1 over the struts
-    and of W2 over [t_x, t_y, t_z, gamma]; None is zero.
+    The weights, diagonals of W1 over struts and W2 over [t_x, t_y, t_z, gamma], are those with the
+    name `weight` times their factors; None is zero.
     """
 
     number: int  # from 0 on; column `case` of the dataset
@@ -112,7 +112,7 @@ class SweepRun:
 
     @property
     def reconfigured(self) -> Goal:
-        """Goal of the mapping after the failures; locked struts are assumed at the centre."""
+        """Goal of the mapping after the failures, which assumes locked struts at the centre."""
         if not self.known:
             return self.goal
         of = {"locked": [], "free": [], "loose": []}
@@ -136,7 +136,7 @@ class SweepRun:
 
 
 def sweep_run(number: int, duration_s: float, varied: Mapping[str, Any]) -> SweepRun:
-    """Return a run with these values; by default those of the testbed, without failures, W_a."""
+    """Return a run with these values; by default those of the testbed, W_a, no failures."""
     own = ("seed", "struts", "failure_time_s", "known", "weight", "jacobian")
     options, bench = ({k: varied[k] for k in names if k in varied} for names in (own, BENCH))
     joint, secondary = (
@@ -149,7 +149,7 @@ def sweep_run(number: int, duration_s: float, varied: Mapping[str, Any]) -> Swee
 
 
 def runs_of(design: Design, seed: int) -> list[SweepRun]:
-    """Return the runs of a design; each depends only on the design, the seed and its number."""
+    """Return the runs of a design, each determined by design, seed and number."""
     factors = design.factors
     if design.layout == "grid":
         points_of_design = islice(product(*map(_grid, factors, factors.values())), design.runs)
@@ -166,7 +166,7 @@ def runs_of(design: Design, seed: int) -> list[SweepRun]:
 
 
 def _at(name: str, factor: Factor, u: float) -> Any:
-    """Return the value of a factor at u from 0 to 1; values of a list have equal shares."""
+    """Return the value of a factor at u from 0 to 1; values of a list have equal parts."""
     if isinstance(factor, list):
         return factor[int(u * len(factor))]
     low, high = factor["from"], factor["to"]
@@ -186,7 +186,7 @@ def _is_whole(name: str) -> bool:
 
 
 def read_design(path: Path | None) -> Design:
-    """Read the design in a file; None is the default.
+    """Return the design in a file; None is the default file.
 
     Raises:
         WrongInput: The file cannot be read, or the design is invalid.
@@ -247,7 +247,7 @@ def _factor(name: str, value: Any, grid: bool) -> Factor:
 
 
 def _checked(name: str, value: Any) -> Any:
-    """Return a value after a check of its type and limits."""
+    """Return the value of a quantity, after a check of its type and limits."""
     if name in LIMITS:
         check_within(name, value, *LIMITS[name])
         return value if _is_whole(name) else float(value)

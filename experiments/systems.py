@@ -1,4 +1,4 @@
-"""Study `systems`: the other mechanisms of the paper, in simulation; docs/theory.md."""
+"""Study `systems`: simulation of the paper's other mechanisms; docs/theory.md."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ LIMIT = 0.01  # largest relative distance between simulated and predicted motion
 
 @dataclass(frozen=True)
 class Mechanism:
-    """Mechanism of an MJCF file, its task, and the conditions to simulate."""
+    """Mechanism of an MJCF file, with its task and the conditions to simulate."""
 
     path: Path
     title: str
@@ -109,7 +109,7 @@ MECHANISMS = (
 
 @dataclass(frozen=True)
 class Probed:
-    """Mechanism in one condition; each measurement uses a new plant."""
+    """Mechanism in one condition, of which each measurement uses a new plant."""
 
     model: mujoco.MjModel
     mechanism: Mechanism
@@ -129,9 +129,9 @@ class Probed:
 
 
 def respond(rig: Probed, survivors: Array) -> tuple[Array, Array]:
-    """Measure the displacements at rest after a step of each surviving actuator, per step.
+    """Measure the displacements at rest after a unit step of each surviving actuator.
 
-    Columns are the steps: of the survivors, shape (n', n'), and of the task, shape (m, n').
+    Displacements are those of survivors, (n', n'), and task, (m, n'), with a column for each step.
     """
     active, twist = [], []
     for k in survivors:
@@ -143,10 +143,10 @@ def respond(rig: Probed, survivors: Array) -> tuple[Array, Array]:
 
 
 def coast(rig: Probed) -> Array:
-    """Measure the self-motion that coasts after a push along each task row, shape (m, m).
+    """Measure the self-motion that continues after a push along each task row, shape (m, m).
 
-    Controlled motions are at rest by then. Columns are displacements during a tenth of the waiting
-    time, after it, as fractions of the largest displacement.
+    The measurement is after the waiting time, when controlled motions are at rest. Each column is
+    the displacement during a tenth of this time, as a fraction of the largest displacement.
     """
     task, coasting = list(rig.mechanism.task), []
     for row in task:
@@ -158,7 +158,7 @@ def coast(rig: Probed) -> Array:
 
 
 def pushed(rig: Probed, wrench: Array) -> tuple[Array, float]:
-    """Measure a push: displacement in a tenth of the waiting time after it, and the largest."""
+    """Return the displacement in a tenth of the waiting time after a push, and the largest."""
     plant, still = rig.plant(), np.zeros(rig.model.nu)
     plant.push(wrench)
     plant.step(still, PUSH_S)
@@ -177,8 +177,8 @@ def drive_polygon(
     """Drive the major task around an octagon of radius STEP, then along further major directions.
 
     Returns:
-        Time (T,), desired and reached (T, m1), all joints (T, nq), with units in their names; and
-        the largest distance at a corner from the mapping's prediction, in steps.
+        Arrays of time (T,), desired and reached task (T, m1), and joints (T, nq), with units in
+        their names; and the largest distance of a corner from its prediction, in units of STEP.
     """
     major, unit = rig.mechanism.major, rig.mechanism.unit
     m1, angle = len(major), 2 * np.pi * (np.arange(CORNERS) / CORNERS + rng.random())
@@ -206,15 +206,15 @@ def drive_polygon(
 def exert_force(
     rig: Probed, system: ConstrainedSystem, kin: Kinematics, rng: np.random.Generator
 ) -> dict[str, float]:
-    """Exert a random force by the force mapping, with internal force, against an equal load.
+    """Exert a random force, and internal force, by the force mapping against an equal load.
 
     Returns:
-        torque_error: Difference of the servo torques from the mapping's, relative.
-        closure_error: Difference of the joint forces of closures and locks from the constraint
-            forces of the kinematics, relative to the largest of these, the force's joint forces,
-            and the torques: the closures may be unloaded.
-        yielded_steps: Payload displacement in steps; a servo loaded with its torque alone would
-            move one step.
+        torque_error: Relative difference of the servo torques from those of the mapping.
+        closure_error: Difference of the joint forces of closures and locks from the predicted
+            constraint forces, relative to the largest of constraint forces, torques, and joint
+            forces of the load.
+        yielded_steps: Payload displacement in steps, of which a servo loaded with its torque alone
+            moves one.
     """
     task, major = list(rig.mechanism.task), list(rig.mechanism.major)
     mapping = kin.force_mapping(major, torque_weight=np.ones(len(kin.actuators)))
@@ -242,15 +242,15 @@ def exert_force(
 
 
 def relative(difference: Array, *wholes: Array) -> float:
-    """Return the norm of a difference relative to the largest of the wholes; 0 if all are zero."""
+    """Return the norm of a difference relative to that of the largest whole; 0 if all are zero."""
     size = max(np.linalg.norm(whole) for whole in wholes)
     return float(np.linalg.norm(difference) / size) if size else 0.0
 
 
 def motion_error(kin: Kinematics, active: Array, moved: Array) -> float:
-    """Return the error of the payload motion J active, and of the active constraint, relative.
+    """Return the relative error of the predicted payload motion J active and active constraint.
 
-    Each task row is relative to its own motion: rotation and translation do not mix.
+    Each task row is relative to its own motion, so that units do not mix.
     """
     forbidden = kin.active_constraint @ active
     off = np.linalg.norm(moved - kin.J @ active, axis=1)
@@ -275,7 +275,7 @@ FLAGS += ("unstable", "unstable_major", "unstable_secondary")
 
 
 class ConditionResult(NamedTuple):
-    """Result of a mechanism in one condition: row, text of the report, and the polygon driven."""
+    """Result of a mechanism in one condition: row, text of the recording, and driven polygon."""
 
     mechanism: Mechanism
     row: dict[str, Any]
@@ -294,8 +294,8 @@ def classified(
 ) -> tuple[ConstrainedSystem, Kinematics]:
     """Return the failed mechanism at its nominal pose, with its task rows, and its kinematics.
 
-    The metric of passive velocities is the mass matrix: without friction the passive joints start
-    from rest and have no momentum along self-motions.
+    The metric of passive velocities is the mass matrix, because passive joints without friction
+    start from rest and have no momentum along self-motions.
     """
     data = mujoco.MjData(model)
     jac = jacobians(model, data, site="payload", axes="base")
@@ -306,7 +306,7 @@ def classified(
 
 
 def classify_and_simulate(mechanism: Mechanism, condition: str, seed: int) -> ConditionResult:
-    """Classify a condition, simulate it, and compare."""
+    """Classify a condition, simulate it, and compare both."""
     model, rng = load_model(mechanism.path), np.random.default_rng(seed)
     rig = Probed(model, mechanism, condition)
     system, kin = classified(model, mechanism, condition)
@@ -368,8 +368,8 @@ def systems(
     """Compare the classification of four other mechanisms with their simulation.
 
     An arm, a hand, two cooperating arms and a platform are simulated without and with failures:
-    every actuator makes a step, the payload is pushed, the payload follows an octagon in its
-    major task, and a force is exerted. 12 s on two cores, 8 s with --quick.
+    every actuator makes a step, the payload is pushed, follows an octagon in its major task, and
+    exerts a force. Takes 12 s on two cores, 8 s with --quick.
 
     Writes systems.json, its tables as systems.md and Parquet, a figure, and for each mechanism its
     data (.npz) and its recording (.rrd).
@@ -409,7 +409,7 @@ def systems(
 
 
 def checks(systems: pd.DataFrame) -> list[Check]:
-    """Check directions and sizes of the simulated motion against classification and mapping."""
+    """Return checks of directions and sizes of simulated motions against classes and mapping."""
     rows = systems.set_index(["mechanism", "condition"])
     what = "difference between simulation and classification in directions of motion (0 or 1)"
     result = check(what, 1.0 - rows.agrees.astype(float), 0.5)
@@ -479,7 +479,7 @@ ALT = (
 
 
 def figure(groups: Mapping[Mechanism, Sequence[ConditionResult]]) -> Figure:
-    """Plot the major task of each mechanism around a polygon, in every condition."""
+    """Plot the path of each mechanism's major task around an octagon, in every condition."""
     rows, dots = -(-len(groups) // 2), []
     figure = new_figure(PAGE_IN, 2.6 * rows + 0.2)
     figure.suptitle("Major task around an octagon, healthy and with failed actuators, simulated")
@@ -503,7 +503,7 @@ def figure(groups: Mapping[Mechanism, Sequence[ConditionResult]]) -> Figure:
 
 
 def around(path: Array) -> tuple[Array, Array]:
-    """Return the positions at the end of each corner, closed, (CORNERS + 1, 2), and the path."""
+    """Return the positions at rest for all corners, closed, (CORNERS + 1, 2), and the path."""
     other_corners = 2 * (path.shape[1] - 2)  # along further major directions
     per_corner = len(path) // (CORNERS + other_corners)
     octagon = path[per_corner - 1 : CORNERS * per_corner, :2]

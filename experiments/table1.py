@@ -53,17 +53,17 @@ CONFIGURATIONS: dict[ConfigurationName, TestbedConfig] = {
     # Of the settings that docs/uncorrected.md maps, the one that fits the fewest numbers.
     "demand-limit": TestbedConfig(spiral_direction=-1, demand_limit_urad=95.0),
 }
-"""Constants of the testbed by configuration. Spiral, crossovers and detector noise were fitted to
-W_a to W_e."""
+"""Constants of the testbed by configuration. Spiral, crossovers and detector noise are fitted to
+columns W_a to W_e."""
 LAST_COLUMN = {"calibrated": "predicted", "demand-limit": "fitted"}
-"""Origin of the errors of W_a_uncorrected, by configuration. Those of the other columns equal those
-of W_a, since J_m M = I for any weights and any known lock."""
+"""Origin of the errors in column W_a_uncorrected, by configuration. Other columns have the errors
+of W_a, since J_m M = I for any weights and known lock."""
 
 MOTIONS = ("gamma_urad", "t_x_um", "t_y_um", "t_z_um")  # columns of `secondary`
 BY_NAME = {column.name: column for column in COLUMNS}
 REPRESENTATIVE = ("W_a", "W_d", "W_a_uncorrected")
-"""Columns simulated also with mismatch, and with another controller: no failure, strut 1 locked and
-known, locked and not known. The weights of the others do not change the pointing."""
+"""Columns that are simulated also with mismatch and with another controller: no failure, strut 1
+locked and known, strut 1 locked and unknown."""
 
 NOT_SIMULATED = (np.nan, np.nan)
 MISMATCH_TOLERANCE = 0.1
@@ -103,13 +103,13 @@ def table1(
 
     The hexapod tracks a spiral for 16 s in six cases (columns W_a to W_e and W_a uncorrected),
     without failure and with strut 1 locked. The pointing errors are compared with the linear model
-    of the testbed and with the paper. Three cases are simulated once more with plants that differ
-    from the controller's model. A minute and a half on two cores, 30 s with --quick.
+    of the testbed and with the paper. Three cases are also simulated with plants that differ from
+    the controller's model. Takes a minute and a half on two cores, 30 s with --quick.
 
     Writes table1.json, its tables as table1.md and Parquet, Figures 4 to 6, and for each column of
-    Table I its data (.npz, 1 kHz) and its recording (.rrd, 200 Hz). With --controller three more
-    columns, by that controller: without failure, with strut 1 locked and known, and locked and not
-    known.
+    Table I its data (.npz, 1 kHz) and its recording (.rrd, 200 Hz). With --controller there are
+    three columns of that controller: without failure, with strut 1 locked and known, and with strut
+    1 locked and unknown.
 
     Example: fjh table1 --configuration demand-limit --seed 7 --out /tmp/mine
     """
@@ -188,16 +188,16 @@ def table1(
 def _simulate(
     rig: Rig, column: Column, path: Array, seed: int, controller: str | None
 ) -> tuple[Run, str | None]:
-    """Simulate a run; return it and, for another controller, a description of its failure."""
+    """Simulate a run; return it and, if another controller failed, a sentence on that, or None."""
     if controller is not None:
         return simulate_with(rig, controller, path, failures=column.failures, seed=seed)
     return rig.fly(rig.controller(), path, failures=column.failures, seed=seed), None
 
 
 def rigs_with_mismatch(rigs: Mapping[str, Rig], seed: int, *, quick: bool) -> dict[str, Rig]:
-    """Return rigs with all mismatches, each on another plant, by column; one if `quick`.
+    """Return rigs with all mismatches, on different plants, by column; only one if `quick`.
 
-    Machines without suspension springs have none, as the mismatch is defined for these.
+    The result is empty for a machine without suspension springs, which the mismatch needs.
     """
     names = [name for name in REPRESENTATIVE if has_suspensions(rigs[name].model)]
     selected = names[: 1 if quick else None]
@@ -209,8 +209,8 @@ def predicted_rad(
 ) -> Array:
     """Predict the RMS errors (2,) [rad] with the linear model of the nominal plant.
 
-    They are expected values over the noise; with a limit on the demand or a moving floor, those for
-    the noise of this seed.
+    The errors are expected values over the noise; with a limit on the demand or a moving floor they
+    are those for the noise of this seed.
 
     Raises:
         sim.ModelError: The loops are unstable in the linear model.
@@ -229,12 +229,12 @@ def predicted_rad(
 
 
 def of_angles(key: str) -> list[str]:
-    """Return the keys of alpha and beta, with the angle in place of the `*`."""
+    """Return the keys for alpha and beta, with the angle in place of `*`."""
     return [key.replace("*", angle) for angle in ANGLES]
 
 
 def by_angle(key: str, values: Sequence[float] | Array) -> dict[str, Any]:
-    """Return the values of alpha and beta by their keys."""
+    """Return the values of alpha and beta by the keys of :func:`of_angles`."""
     return dict(zip(of_angles(key), values, strict=True))
 
 
@@ -269,8 +269,8 @@ def peaks(motion: Array) -> dict[str, float]:
 def mismatched_errors(rig: Rig, column: Column, run: Run, seed: int) -> dict[str, Any]:
     """Return the errors of a run on another plant, and those predicted for the nominal one.
 
-    Noise and floor are the same. Errors are relative to the drifted zero of the detector, which the
-    loop follows and no controller can observe.
+    Prediction and run have the same noise and floor. Errors are relative to the drifted zero of the
+    detector, which no controller can observe.
     """
     machine, ticks = rig.machine, len(run.time_s)
     simulated_rad = rms(run.desired - (run.true + machine.zero_rad(ticks)))
@@ -283,8 +283,8 @@ def mismatched_errors(rig: Rig, column: Column, run: Run, seed: int) -> dict[str
 def further_runs(columns: pd.DataFrame, runs: Mapping[tuple[str, str], Run]) -> pd.DataFrame:
     """Return a row for each kind of further runs, with the largest difference of RMS errors.
 
-    The reference are the columns for runs with the other Jacobian and with the next seed, the
-    linear model for runs with mismatch. `runs` are by kind and name of the column.
+    For runs with the other Jacobian or the next seed the reference are the columns; for runs with
+    mismatch it is the linear model. Keys of `runs` are kind and name of the column.
     """
     own_rows, off = columns[columns.origin != "other"], "largest_rms_difference_urad"
     rms_urad, other, mismatched, expected = (
@@ -307,7 +307,7 @@ def further_runs(columns: pd.DataFrame, runs: Mapping[tuple[str, str], Run]) -> 
 
 
 def checks(columns: pd.DataFrame, further: pd.DataFrame, duration_s: float) -> list[Check]:
-    """Check closure, RMS errors against the linear model, and failures of another controller."""
+    """Return checks of closure, RMS errors against the linear model, and another controller."""
     by_name, result = columns.set_index("name"), list[Check]()
     own_rows, other_rows = by_name[by_name.origin != "other"], by_name[by_name.origin == "other"]
     mismatched = own_rows[own_rows.filter(like="mismatched_").notna().any(axis=1)]
@@ -348,13 +348,13 @@ NUMBERS = (
     *((f"peak {key}", key, ".3f") for key in MOTIONS),
     ("closure, m", "closure_residual_max_m", ".1e"),
 )
-"""Label, key and format of the rows of the printed Table I."""
+"""Labels, keys and formats of the rows of the printed Table I."""
 
 
 def printed(columns: pd.DataFrame, *names: str, cut: bool) -> pd.DataFrame:
     """Return runs in the paper's arrangement: a row for each quantity, a column for each run.
 
-    If runs are cut off, the paper's numbers are left out.
+    If the runs are only part of the spiral (`cut`), the paper's numbers are left out.
     """
     selected = columns.set_index("name", drop=False).loc[list(names)]
     selected = selected.join(pd.DataFrame([*selected.secondary_peak], selected.index))
@@ -459,7 +459,7 @@ ERROR, ERRORS = "error: desired minus true", ("$\\alpha$ error, µrad", "$\\beta
 
 
 def pictures(runs: Mapping[tuple[str, str], Run], controller: str | None) -> list[Picture]:
-    """Return the summary figure, Figures 4 to 6, and one of both controllers if there are two."""
+    """Return the summary figure, Figures 4 to 6, and with another controller one of both."""
     own_runs = {name: run for (kind, name), run in runs.items() if kind == "own"}
     other_runs = {name: run for (kind, name), run in runs.items() if kind == "controller"}
     result = [
@@ -545,7 +545,7 @@ def figure_4(runs: Mapping[str, Run]) -> Figure:
 
 
 def figure_5(runs: Mapping[str, Run]) -> Figure:
-    """Plot the spiral tracked with strut 1 locked and the mapping of six struts, and its errors."""
+    """Plot the spiral, and its errors, with strut 1 locked and the mapping of six struts."""
     run, healthy = runs["W_a_uncorrected"], runs["W_a"]
     figure, limit_urad = new_figure(COLUMN_IN, 5.4), largest_urad([run, healthy])
     spiral, *errors = figure.subplots(3, 1, height_ratios=[2.6, 1, 1])
@@ -607,7 +607,7 @@ def figure_controller(
 
 
 def error_plane(axes: Axes, run: Run, limit_urad: float, name: str) -> None:
-    """Plot the error of beta over that of alpha, too small to be visible along the path."""
+    """Plot the error of beta over that of alpha."""
     alpha_urad, beta_urad = 1e6 * run.rms()
     axes.plot(*(1e6 * run.error).T, color=GREEN, lw=0.6, label=ERROR)
     axes.set(title=f"$W_{name[-1]}$: RMS {alpha_urad:.2f} and {beta_urad:.2f} µrad", aspect="equal")
@@ -621,5 +621,5 @@ def over_time(axes: Axes, run: Run) -> None:
 
 
 def largest_urad(runs: Iterable[Run]) -> float:
-    """Return the limit of an error axis."""
+    """Return the limit [urad] of an error axis for several runs."""
     return 1.1 * max(abs(1e6 * run.error).max() for run in runs)

@@ -1,4 +1,4 @@
-"""Study `uncorrected`: Table I's last column, strut 1 locked, unknown; docs/uncorrected.md."""
+"""Study `uncorrected`: last column of Table I, unknown lock of strut 1; docs/uncorrected.md."""
 
 import copy
 from collections.abc import Mapping
@@ -58,7 +58,7 @@ ROLL_OFF_HZ = (25.0, 40.0)  # of the map: below the modes; at them, where a lock
 
 
 def damped(model: mujoco.MjModel, ratio: float) -> mujoco.MjModel:
-    """Return the machine with suspension dampers scaled to a damping ratio of the pointing modes.
+    """Return the machine with suspension dampers scaled to this damping ratio of pointing modes.
 
     Raises:
         ValueError: The ratio is not between 0 and 1.
@@ -74,7 +74,7 @@ def damped(model: mujoco.MjModel, ratio: float) -> mujoco.MjModel:
 def pointing_mode(model: mujoco.MjModel) -> tuple[float, float]:
     """Return frequency [Hz] and damping ratio of the healthy machine's pointing mode.
 
-    This mode has the largest residue of the transfer from commanded to true alpha.
+    This mode has the largest residue in the transfer function from commanded to true alpha.
     """
     plant = Plant(model)
     linear = linearize(plant.model, plant.data)
@@ -87,27 +87,27 @@ def pointing_mode(model: mujoco.MjModel) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Candidate:
-    """Candidate explanation: its differences from the bench.
+    """Candidate explanation, by its differences from the testbed.
 
-    The spiral's radius differs if otherwise the errors of W_a were not those of Table I.
+    The radius of its spiral is adjusted if necessary to reproduce the errors of W_a.
 
     Attributes:
         name: Name in `uncorrected.json`.
-        differs: Constants of the bench by name, and others: damping_ratio of the pointing modes
-            without failure, floor_velocity_m_per_s (one-third-octave RMS), lock_m of the stuck
-            strut 1, lead_in_s for the loop to settle before the spiral.
+        differs: Constants of the testbed by name, and others: damping_ratio of the pointing modes
+            without failure, floor_velocity_m_per_s (one-third-octave RMS), lock_m (position of
+            strut 1), lead_in_s (control before the spiral).
     """
 
     name: str
     differs: Mapping[str, Any]
 
     def constant(self, name: str) -> float:
-        """Return a constant that differs from the bench, else zero."""
+        """Return a constant of the candidate, or zero if it does not differ from the testbed."""
         return self.differs.get(name, 0.0)
 
     @property
     def bench(self) -> TestbedConfig:
-        """Constants of the testbed; with less damping the plant needs longer to settle."""
+        """Constants of the testbed, with a longer settling time for less damping."""
         constants = {key: value for key, value in self.differs.items() if key not in NOT_OF_BENCH}
         settling_s = BENCH.settling_s
         settling_s *= max(1.0, BENCH_DAMPING / (self.constant("damping_ratio") or 1.0))
@@ -115,13 +115,13 @@ class Candidate:
 
     @property
     def testbed(self) -> Testbed:
-        """Testbed with the candidate's damping and constants, and loops designed for these."""
+        """Testbed with the candidate's damping and constants, and with loops designed for them."""
         model, ratio = load_model(), self.constant("damping_ratio")
         machine = damped(model, ratio) if ratio else model
         return Testbed(machine, self.bench, nominal_loops(machine, self.bench))
 
     def rig(self, testbed: Testbed, column: str, seed: int, duration_s: float) -> Rig:
-        """Return the hexapod for a run of this length in a column of Table I, constant Jacobian."""
+        """Return the hexapod, with constant Jacobian, for a run in a column of Table I."""
         goal, lock_m, floor = EXPERIMENTS[column].goal, self.constant("lock_m"), None
         start_m = lock_m * np.eye(6)[STRUT] if EXPERIMENTS[column].failures else None
         if goal.locked_at:  # the position is known to the corrected mapping
@@ -181,7 +181,7 @@ RECORDED = ("lost_strut", "together", "retuned", "limit_clockwise")  # data of a
 
 
 def remaining_gain(model: mujoco.MjModel) -> Array:
-    """Return true per demanded (alpha, beta) with W_a's mapping and strut 1 fixed, shape (2, 2)."""
+    """Return the gain (2, 2) from demanded to true pointing with W_a and strut 1 fixed."""
     geometry = hexapod(model)
     J_m = np.linalg.inv(geometry.inverse_jacobian(NOMINAL))[:2]
     mapping = StrutMapping(geometry, W_A, "constant").major_gain()
@@ -190,28 +190,28 @@ def remaining_gain(model: mujoco.MjModel) -> Array:
 
 
 def fast_loop_ratio(gain: Array) -> Array:
-    """Return RMS errors over those of the healthy machine, for any linear compensators, (2,).
+    """Return ratios (2,) of RMS errors to those of the healthy machine, for any fast linear loops.
 
-    With the remaining gain G and the healthy loops L, the error is (I + G L)^-1 r: for large L
-    L^-1 G^-1 r, and L^-1 r without failure. L cancels from the ratio, and alpha and beta of the
-    spiral have equal size and a phase of a quarter turn: the ratios are the norms of the rows of
+    With the remaining gain G and the healthy loops L the error is (I + G L)^-1 r, for large L L^-1
+    G^-1 r, and without failure L^-1 r. L cancels from the ratio. Since alpha and beta of the spiral
+    have equal size and differ by a quarter turn in phase, the ratios are the norms of the rows of
     G^-1.
     """
     return np.linalg.norm(np.linalg.inv(gain), axis=1)
 
 
 def faults_of(column: str) -> list[Fault]:
-    """Return the faults of the plant in one of COLUMNS."""
+    """Return the faults of the plant in a column."""
     return [Fault.of(failure) for failure in EXPERIMENTS[column].failures]
 
 
 def predicted_error_rad(
     rig: Rig, column: str, seed: int, duration_s: float, lead_in_s: float
 ) -> Array | None:
-    """Predict desired minus true (alpha, beta) (N, 2) with the linear model; None: unstable.
+    """Predict desired minus true (alpha, beta) (N, 2) by the linear model; None if unstable.
 
-    Inputs are those of the run: detector noise, floor, lock off centre, and the limit on the
-    demanded pointing. Saturation of the amplifiers and quantization are neglected.
+    Detector noise, floor, lock off centre and the limit on the demanded pointing are those of the
+    run. Saturation of the amplifiers and quantization are neglected.
     """
     bench = rig.control.testbed.bench
     if pole_radius(open_loop(rig, rig.goal, faults_of(column))) > MARGINAL:
@@ -229,7 +229,7 @@ def predicted_error_rad(
 
 
 def at_crossover(alpha_hz: float, roll_off_hz: float) -> TestbedConfig:
-    """Return the testbed with other loops; the ratio of both crossovers is that of the testbed."""
+    """Return the testbed with another crossover and roll-off, and the same ratio of crossovers."""
     beta_hz = alpha_hz * BENCH.beta_crossover_hz / BENCH.alpha_crossover_hz
     loops = {"alpha_crossover_hz": alpha_hz, "beta_crossover_hz": beta_hz}
     return replace(BENCH, **loops, roll_off_hz=roll_off_hz)
@@ -238,11 +238,11 @@ def at_crossover(alpha_hz: float, roll_off_hz: float) -> TestbedConfig:
 def map_row(
     damping_ratio: float, alpha_crossover_hz: Array, roll_off_hz: float, seed: int
 ) -> tuple[Array, Array]:
-    """Compute the RMS pointing errors for all crossovers, and the largest closed-loop poles.
+    """Return the RMS pointing errors for K crossovers, and the largest closed-loop poles.
 
     Returns:
-        (K, 2, 2): W_a and W_a_uncorrected, alpha and beta, [rad]; infinite if the loop is
-        unstable. (K, 4): largest pole of each of COLUMNS; infinite if no healthy loop exists.
+        RMS errors (K, 2, 2) of W_a and W_a_uncorrected in alpha and beta [rad], infinite if the
+        loop is unstable; largest pole (K, 4) of each of COLUMNS, infinite without a healthy loop.
     """
     machine = damped(load_model(), damping_ratio)
     rig = hexapod_rig(replace(nominal_testbed(), model=machine))
@@ -281,10 +281,9 @@ def by_angle(name: str, values: Any) -> dict[str, float]:
 def simulate_column(
     candidate: Candidate, column: str, seed: int, duration_s: float
 ) -> tuple[dict[str, Any], Run | None]:
-    """Predict a column of a candidate with the linear model, and simulate it unless in `IN_PART`.
+    """Predict a candidate's column by the linear model; simulate it, of `IN_PART` only W_a.
 
-    The row has no prediction if the loop is unstable or saturates. If the simulation diverges, the
-    row has the time.
+    The row has no prediction if the loop is unstable or saturates, and the time of a divergence.
     """
     testbed, lead_in_s = candidate.testbed, candidate.constant("lead_in_s")
     rig = candidate.rig(testbed, column, seed, duration_s)
@@ -317,7 +316,7 @@ MEASURED += ["closure_residual_max_m", "diverged_at_s"]
 
 
 def run_table(rows: list[dict[str, Any]]) -> pd.DataFrame:
-    """Return all columns of all candidates; the RMS is simulated, or else predicted."""
+    """Return all columns of all candidates, with the simulated or else the predicted RMS."""
     runs = pd.DataFrame(rows, columns=MEASURED)
     for angle in ANGLES:
         predicted = runs[f"{angle}_predicted_urad"].where(runs.diverged_at_s.isna())
@@ -326,9 +325,9 @@ def run_table(rows: list[dict[str, Any]]) -> pd.DataFrame:
 
 
 def candidate_row(candidate: Candidate, run: Run | None) -> dict[str, Any]:
-    """Return a candidate's differences, and measures of its uncorrected column as in Fig. 5.
+    """Return a candidate's differences, and measures of its uncorrected column for Fig. 5.
 
-    These are the size of the outer turns, and the distribution of the error over time.
+    The measures are the size of the outer turns and the distribution of the error over time.
     """
     row = {"name": candidate.name, **candidate.differs}
     if run is None:
@@ -358,10 +357,9 @@ def uncorrected(
     """Test explanations for the large error in the last column of Table I.
 
     Strut 1 is locked and the mapping is not reconfigured. Candidate explanations, one at a time and
-    combined, are simulated and compared with the linear model. A map from the linear model covers
-    damping and crossover; one over a limit on the demanded pointing is made by
-    fjh paper sweep --design experiments/sweep_demand_limit.toml. 4 minutes on two cores, 25 s with
-    --quick.
+    combined, are simulated and compared with the linear model. The linear model also gives a map
+    over damping and crossover; for one over a limit on the demanded pointing, run fjh paper sweep
+    --design experiments/sweep_demand_limit.toml. Takes 4 minutes on two cores, 25 s with --quick.
 
     Writes uncorrected.json, its tables as uncorrected.md and Parquet, a figure, the map (map.npz),
     the data of each candidate (.npz) and some recordings (.rrd).
@@ -424,7 +422,7 @@ def uncorrected(
 
 
 def map_numbers(map_rad: Array, map_poles: Array) -> pd.DataFrame:
-    """Summarize the map in one row, from RMS errors and poles stacked from :func:`map_row`.
+    """Return one row that summarizes the map, from stacked RMS errors and poles of :func:`map_row`.
 
     The leading axes are roll-offs, dampings and crossovers.
     """
@@ -452,7 +450,7 @@ def urad(runs: pd.DataFrame, kind: str) -> pd.DataFrame:
 
 
 def evaluated(candidates: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
-    """Add the ratios of the candidates, and whether they reproduce the paper's columns."""
+    """Return the candidates with ratios, and whether they reproduce the paper's columns."""
     table = candidates.set_index("name")
     for kind, name in {"rms": "ratio", "predicted": "predicted_ratio"}.items():
         error = urad(runs, kind).unstack("candidate").T
@@ -478,7 +476,7 @@ def evaluated(candidates: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def checks(runs: pd.DataFrame) -> list[Check]:
-    """Check closure residuals of stable loops, and RMS errors against the linear model."""
+    """Return checks of stable loops: closure residuals, and RMS errors against the linear model."""
     by_column = runs.set_index(["candidate", "column"]).astype(float)
     stable = by_column[by_column.sensitivity_peak.notna()].closure_residual_max_m.dropna()
     diverged = by_column[by_column.alpha_predicted_urad.notna()].diverged_at_s.dropna()
@@ -542,7 +540,7 @@ LOOKS = {"alpha": ("$\\alpha$", BLUE, "o"), "beta": ("$\\beta$", VERMILION, "s")
 
 
 def figure(candidates: pd.DataFrame) -> Figure:
-    """Plot both ratios of every candidate; marks are filled if it reproduces the other columns."""
+    """Plot both ratios of every candidate, with filled marks if it reproduces the other columns."""
     plotted = candidates[candidates.ratio_distance.notna()].reset_index(drop=True)
     figure, band = new_figure(PAGE_IN, 1.4 + 0.17 * len(plotted)), {"alpha": 0.15, "lw": 0}
     axes = figure.subplots()

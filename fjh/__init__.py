@@ -1,4 +1,4 @@
-"""Fault-tolerant control of redundant mechanisms in MuJoCo: all names that a script needs.
+"""Fault-tolerant control of redundant mechanisms in MuJoCo: the names that scripts need most.
 
 import fjh
 
@@ -70,7 +70,7 @@ _PLACES = {
     for name in node.names
     if name.asname
 }
-"""Module and attribute of each name above, imported on first use: mappings work without MuJoCo."""
+"""Module and attribute of each name, imported on first use: mappings do not need MuJoCo."""
 
 __all__ = [name for name in _PLACES if not name.startswith("_")]  # pyright: ignore[reportUnsupportedDunderAll]
 

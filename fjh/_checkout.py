@@ -1,4 +1,4 @@
-"""Import hook of a checkout: `fjh.sim` is the module `sim`, of the folder next to this one.
+"""Import hook for a checkout, where `fjh.sim` is the module `sim` in the folder next to `fjh`.
 
 The wheel does not contain this file; there the folders are below `fjh` (`hatch_build.py`).
 """
@@ -19,7 +19,7 @@ def alias_folders(root: Path) -> None:
     """Make `fjh.NAME` an alias of NAME, for the folders of the checkout `root`.
 
     Raises:
-        ImportError: Python finds another package or module of that name first.
+        ImportError: Python finds another module with a folder's name first.
     """
     for name in FOLDERS:
         spec = find_spec(name)
@@ -27,8 +27,7 @@ def alias_folders(root: Path) -> None:
         if folder != root / name:
             raise ImportError(
                 f"`import {name}` finds {spec.origin or 'a folder' if spec else 'nothing'}, not "
-                f"{root / name}: rename it, or install fjh (pip install {root}), which has no "
-                "other name",
+                f"{root / name}: rename the former, or install fjh with pip install {root}",
                 name="fjh",
             )
     sys.meta_path.insert(0, _FolderFinder())
@@ -54,6 +53,6 @@ class _FolderFinder(MetaPathFinder, Loader):
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        """Restore the module's spec, which the import replaced; the module has already run."""
+        """Restore the module's spec, which the import replaced; do not execute the module again."""
         name = module.__spec__.name if module.__spec__ else ""
         module.__spec__ = self._specs.pop(name)

@@ -14,12 +14,12 @@ from fjh.study.errors import WrongInput
 from fjh.study.untrusted_files import read_json
 
 REPEATED, RESAMPLED, OF_LARGEST, LEVEL = 1e-6, 0.05, 0.01, 0.01
-"""Thresholds of noise, see :func:`compare`."""
+"""Thresholds above which a relative change or a significance level counts; see :func:`compare`."""
 SMALLEST, LARGEST, SENTENCE = 1e-9, 1e9, 40
-"""Numbers below or above are round-off or its reciprocals; longer text is a sentence."""
+"""Smallest and largest compared number, and longest compared text; others are round-off, prose."""
 ORIGIN = {"versions", "model_sha256", "machine", "basis", "took"}
 SETTINGS = {"seed", "duration_s", "configuration", "jacobian", "bench", "rules", "dither", "robot"}
-"""Settings of results that do not list their settings."""
+"""Keys of the settings in results of earlier versions, which do not list them."""
 SAMPLING_KEYS = {"flights", "events", "design", "seed"}
 """Keys of the basis of a dataset from which its rows are sampled."""
 NOT_COMPARED = {"experiment", "files", "dataset", "recording", "data", "checks", "settings"}
@@ -28,11 +28,11 @@ ABSENT, PRINTED = "absent", 15
 
 @dataclass(frozen=True)
 class Comparison:
-    """Differences of two results of a study; the frames have the columns place, a, b.
+    """Differences between two results, a and b, of one study; the frames have columns place, a, b.
 
     Attributes:
         study: Name of the study.
-        settings: Settings and versions that differ.
+        settings: Settings, versions and machines that differ.
         resampled: Whether the runs have another seed or other settings.
         changed: Values that changed by more than noise, with the change relative to the larger
             value, in descending order.
@@ -68,14 +68,14 @@ class Comparison:
 
 
 def compare(a: Path | str, b: Path | str) -> Comparison:
-    """Compare two results of one study, each a folder or a JSON file.
+    """Compare two results of one study, each a folder or a JSON file; list changes beyond noise.
 
-    With equal settings, relative changes up to 1e-6 are noise: studies are reproducible, other
-    processors differ by 1e-8. With another seed or other settings, noise is a change of at most 5 %
-    of a number or 1 % of the largest number of the same name; for a rate with stated 95 %
-    confidence bounds, overlapping ranges; and for the rows of a dataset, no significant difference
-    of a column in the Mann-Whitney U test, at the level 1 % for all columns together. Numbers below
-    1e-9 are round-off; sentences are not compared.
+    With equal settings, relative changes up to 1e-6 are noise: a study on another processor differs
+    by 1e-8. With another seed or other settings, noise is a change of at most 5 % of a number, or
+    of at most 1 % of the largest number of the same name. A rate with stated 95 % confidence bounds
+    has changed if the two ranges are disjoint; a column of a dataset, if the Mann-Whitney U test is
+    significant (1 % for all columns together). Numbers below 1e-9 are round-off; sentences are not
+    compared.
 
     Raises:
         WrongInput: An argument is no result of a study, or the results are of different studies.
@@ -83,7 +83,9 @@ def compare(a: Path | str, b: Path | str) -> Comparison:
     (first, one), (second, other) = _result(Path(a)), _result(Path(b))
     study = one["experiment"]
     if study != other["experiment"]:
-        raise WrongInput(f"{a} is of fjh {study}, {b} of fjh {other['experiment']}")
+        raise WrongInput(
+            f"results must be of one study, got {a} of {study} and {b} of {other['experiment']}"
+        )
     try:
         pairs = list(_pairs(one, other, ()))
     except RecursionError:
@@ -129,18 +131,18 @@ def compare(a: Path | str, b: Path | str) -> Comparison:
 
 
 def _result(place: Path) -> tuple[Path, dict[str, Any]]:
-    """Return folder and contents of a result."""
+    """Return the folder and the contents of a result, given its folder or JSON file."""
     for file in sorted(place.glob("*.json")) if place.is_dir() else [place]:
         content = read_json(file)
         if isinstance(content, dict) and isinstance(content.get("experiment"), str):
             return file.parent, content
-    raise WrongInput(f"{place} is no result of a study")
+    raise WrongInput(f"{place} must be a JSON file of a study's results, or a folder with one")
 
 
 def _pairs(a: Any, b: Any, path: tuple[str, ...], disjoint: bool | None = None) -> Iterator[Any]:
-    """Yield path and both values of each number and text, and whether stated ranges are disjoint.
+    """Yield path, both values, and disjointness of confidence ranges for each number and text.
 
-    The last is None for values without a range.
+    The disjointness is None for values without a range.
     """
     if is_table(a) and is_table(b):
         a, b = _labelled(a, b)
@@ -158,7 +160,7 @@ def _pairs(a: Any, b: Any, path: tuple[str, ...], disjoint: bool | None = None) 
 
 
 def _labelled(a: list[dict[str, Any]], b: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the rows of two tables by the values of the fewest first columns that are unique."""
+    """Return both tables by row labels, made of the fewest first columns that are unique."""
     keys = [key for key in a[0] if all(key in row for row in a + b)]
     for count in range(1, len(keys) + 1):
         names = [[", ".join(str(row[k]) for k in keys[:count]) for row in one] for one in (a, b)]
@@ -169,9 +171,9 @@ def _labelled(a: list[dict[str, Any]], b: list[dict[str, Any]]) -> list[dict[str
 
 
 def _disjoint_ranges(a: dict[str, Any], b: dict[str, Any]) -> tuple[dict[str, bool], set[str]]:
-    """Return whether the ranges stated in two entries are disjoint, and the keys of the bounds.
+    """Return whether each confidence range is disjoint in two entries, and the keys of all bounds.
 
-    A range applies to `NAME_rate` and `NAME_count`, with the prefix of its keys, or to all.
+    The keys NAME_low and NAME_high bound NAME_rate and NAME_count; low and high bound all entries.
     """
     disjoint, bounds = dict[str, bool](), set[str]()
     for lower in [key for key in a if "_low" in f"_{key}"]:
@@ -198,7 +200,7 @@ def _change(a: Any, b: Any) -> float:
 
 
 def shifted(a: pd.DataFrame, b: pd.DataFrame) -> tuple[pd.DataFrame, int]:
-    """Return medians of the columns in which two samples differ, and the number of tests."""
+    """Return both medians of the columns that differ significantly, and the number of tests."""
     rows = []
     for name in [name for name in a.select_dtypes("number") if name in b and name != "case"]:
         x, y = a[name].dropna(), b[name].dropna()
@@ -211,7 +213,6 @@ def shifted(a: pd.DataFrame, b: pd.DataFrame) -> tuple[pd.DataFrame, int]:
 
 
 def _failing(a: dict[str, Any], b: dict[str, Any]) -> pd.DataFrame:
-    """Return the checks that fail only in the second result."""
     failed = [[check for check in one.get("checks", []) if not check["passed"]] for one in (a, b)]
     former = {(check["what"], check["where"]) for check in failed[0]}
     new = [check for check in failed[1] if (check["what"], check["where"]) not in former]

@@ -14,13 +14,13 @@ from fjh.study.untrusted_files import read_json
 
 @dataclass(frozen=True)
 class Results:
-    """Results of studies in folders; `study` and `folder` are the first columns of each frame.
+    """Data frames of the results of studies; their first columns are `study` and `folder`.
 
     Attributes:
         runs: A row for each run, from the study's dataset or its first table; for folders without
             JSON, a row for each recording with its properties.
         checks: A row for each check: what, where, value, limit, passed.
-        files: A row for each file: file, kind (its suffix).
+        files: A row for each file of a result: file, kind (its suffix).
     """
 
     runs: pd.DataFrame
@@ -29,7 +29,7 @@ class Results:
 
 
 def results(*places: Path | str) -> Results:
-    """Read the results in some folders and in all folders below them, without hidden ones.
+    """Read the results in some folders and their subfolders, except hidden ones, as data frames.
 
     Raises:
         WrongInput: The folders have no results, or a file cannot be read.

@@ -1,4 +1,4 @@
-"""The study `track`: errors of any robot on a path before and after failures; docs/track.md."""
+"""Study `track`: errors of any robot on a path before and after failures; docs/track.md."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -40,7 +40,7 @@ from sim import CLOSURE_TOLERANCE, Array, Failure, SimulationDiverged
 from sim.plant import NonlinearityMonitor, dry_friction
 
 NONE: list[Any] = []
-"""Default of failures and events: none."""
+"""Default of the options for failures and events."""
 
 
 class TrackedRuns(NamedTuple):
@@ -123,7 +123,7 @@ def track(
         controller_factory(controller)  # raises for a wrong name before the first run
     is_requested = dither not in ("none", "default")
     if is_requested and not diagnoses:
-        raise WrongInput(f"--dither {dither} is for the diagnosis, which is off")
+        raise WrongInput(f"--dither {dither} needs --diagnosis on: it serves the diagnosis alone")
     for flag, incidents in (("--fail", failed), ("--event", other_events)):
         if late := [one.time_s for one in incidents if not one.time_s < duration]:
             end = f"before the run ends at {duration:g} s"
@@ -136,7 +136,7 @@ def track(
         notice(warning)
     design = rig_dither(rig, dither if diagnoses else "none")
     if is_requested and design is None:
-        raise WrongInput(f"--dither {dither}: the major task leaves no motion for a dither")
+        raise WrongInput(f"--dither {dither}: the major rows leave no motion for it; choose fewer")
     advised = partial(advice, rig, model, robot, dither)
     for failure in not_isolable(rig, design, desired, failures) if diagnoses else ():
         notice(f"{failure_text(rig, failure)} may not be identified: {advised(failure)}")
@@ -208,7 +208,7 @@ def track(
 
 
 def parsed(flag: str, kind: Any, incidents: Sequence[Any]) -> list[Any]:
-    """Return failures or events, parsed if they are text.
+    """Return failures or events, after parsing those that are text.
 
     Raises:
         WrongInput: A text cannot be parsed.
@@ -222,7 +222,7 @@ def parsed(flag: str, kind: Any, incidents: Sequence[Any]) -> list[Any]:
 def scheduled(
     rig: Rig, fail: Sequence[Failure], event: Sequence[Event], scale: float, seed: int
 ) -> tuple[list[Failure], list[Event], list[Failure]]:
-    """Return failures and events with scaled times, and all failures, also those of events.
+    """Return failures and events with scaled times, and all failures including those by events.
 
     Raises:
         WrongInput: An actuator does not exist, fails twice, or cannot have an event.
@@ -236,7 +236,9 @@ def scheduled(
     events = [replace(one, time_s=scale * one.time_s) for one in in_order]
     every = [*announced, *events_of(rig, events, seed=seed)[1]]
     if len({failure.actuator for failure in every}) < len(every):
-        raise WrongInput(f"--fail{' and --event' * bool(events)} must name each actuator once")
+        raise WrongInput(
+            f"--fail{' and --event' * bool(events)} must name each actuator at most once"
+        )
     return announced, events, sorted(every, key=lambda one: one.time_s)
 
 
@@ -263,9 +265,9 @@ def settings_of(runs: TrackedRuns) -> dict[str, Any]:
 
 
 def rows_of(runs: TrackedRuns) -> pd.DataFrame:
-    """Return a row for each major row: RMS errors in its unit, and the margins of its loop.
+    """Return a data frame of the major rows: RMS errors in the row's unit, margins of its loop.
 
-    The errors are before and after the first failure or event; NaN: not simulated or predicted.
+    Errors are before and after the first failure or event; NaN if not simulated or predicted.
     """
     rig, run, cut = runs.rig, runs.run, reach.first_tick(runs.run)
 
@@ -293,7 +295,7 @@ def rows_of(runs: TrackedRuns) -> pd.DataFrame:
 
 
 def compare_prediction(runs: TrackedRuns, rows: pd.DataFrame) -> dict[str, Any]:
-    """Return errors by row, and the ratio of simulated to predicted errors of all rows."""
+    """Return the errors of each row, and the ratio of simulated to predicted errors of all rows."""
     rig, run, results = runs.rig, runs.run, dict[str, Any]()
     for key, column in rows.filter(regex="^(predicted_)?rms_").items():
         values = None if column.isna().any() else column.tolist()
@@ -314,7 +316,7 @@ def compare_prediction(runs: TrackedRuns, rows: pd.DataFrame) -> dict[str, Any]:
 def event_log(
     runs: TrackedRuns, reports: Sequence[Any], entries: Sequence[Any]
 ) -> list[pd.DataFrame]:
-    """Return tables of failures and other events, and of diagnoses, in the order of time."""
+    """Return a table of failures and events, and one of diagnoses, each in order of time."""
     stated, meaning, diagnoses = stated_of(runs.rig, runs.run), dict[str, str](), list[Any]()
     for failure, report in zip(runs.run.failures, reports, strict=True):
         can = "possible" if is_possible(report) else "not possible"
@@ -332,7 +334,7 @@ def event_log(
 
 
 def summary(results: Mapping[str, Any], incidents: pd.DataFrame, diagnoses: pd.DataFrame) -> str:
-    """Return one sentence on incidents, errors, remaining capability and diagnoses."""
+    """Return a sentence on failures and events, errors, remaining capability and diagnoses."""
     robot, units = results["robot"], results["units"]
     before, after, predicted = (
         norms_text(results[key], units) if results[key] else "unknown"
@@ -352,7 +354,7 @@ def summary(results: Mapping[str, Any], incidents: pd.DataFrame, diagnoses: pd.D
 
 
 def checks(results: Mapping[str, Any]) -> list[Check]:
-    """Return checks of loop closure, of predicted errors, and of another controller's failures."""
+    """Return checks of loop closure, of predicted errors, and of errors of another controller."""
     robot, name, failure = (results[key] for key in ("robot", "controller", "controller_failure"))
     gap_m = results["closure_residual_max_m"]
     off = {f"{k} the first failure": results[f"prediction_off_{k}"] for k in ("before", "after")}
@@ -409,7 +411,7 @@ MARKS = {
 
 
 def figure(runs: TrackedRuns, results: Mapping[str, Any]) -> Figure:
-    """Plot the path, the errors of each unit, and the actuators' displacements."""
+    """Plot the path, the errors by unit, and the actuators' displacements."""
     run, units = runs.run, list(dict.fromkeys(results["units"]))
     heights = [1.5] * len(units) + [0.4 + 0.2 * len(runs.rig.actuators)]
     plot = new_figure(PAGE_IN, max(3.4, 0.9 + sum(heights)))
@@ -472,7 +474,7 @@ def error_panel(axes: Axes, runs: TrackedRuns, rows: Array, unit: str) -> None:
 
 
 def actuator_panel(axes: Axes, runs: TrackedRuns, affected: set[str | None]) -> None:
-    """Plot each actuator's displacement in its own row, those of one unit on the same scale."""
+    """Plot each actuator's displacement in its own row, with one scale for each unit."""
     run, names, units = runs.run, runs.rig.actuators, np.array(runs.rig.units)
     spans = {u: 2 * np.abs(run.displacement[:, units == u]).max() for u in dict.fromkeys(units)}
     for k, (name, unit) in enumerate(zip(names, units, strict=True)):
@@ -486,7 +488,7 @@ def actuator_panel(axes: Axes, runs: TrackedRuns, affected: set[str | None]) -> 
 
 
 def record(runs: TrackedRuns, results: Mapping[str, Any], folder: Path) -> None:
-    """Write `track.rrd`: the run, and next to it that of another controller."""
+    """Write `track.rrd` with the run and, if there is one, that of another controller."""
     rig, keys = runs.rig, ("seed", "control_period_s", "path_size", "sensor_noise")
     about = About(
         study="track",

@@ -1,1 +1,1 @@
-"""Command line of all studies, and the report on them."""
+"""Command line of all studies, and the report on the main ones."""

@@ -17,10 +17,10 @@ from experiments.app.report import report
 from experiments.studies import PAPER, ROBOT, study
 from fjh.study.interrupts import INTERRUPTION, interrupted, notice
 
-HELP = """Keep a robot on task when its actuators fail; simulated in MuJoCo.
+HELP = """Keep robots on task when actuators fail, in simulations with MuJoCo.
 
 `fjh track` simulates failures of your robot, or of the hexapod of Chen, McInroy and Yi (2003);
-`fjh survey` analyzes what each failure would leave; `fjh paper` lists the studies of the paper.
+`fjh survey` analyzes what remains possible after each; `fjh paper` lists the studies of the paper.
 A study writes into results/COMMAND/, or the folder given by --out: all numbers (.json, with units
 in the names), tables (.md), data (.npz), figures and recordings (.rrd; `rerun FILE.rrd` opens one).
 Start with `fjh table1`, which is `fjh paper table1`: a minute on two cores.
@@ -64,8 +64,8 @@ def _options(version: Annotated[bool, _VERSION] = False) -> None: ...
 def app_of(*names: str) -> typer.Typer:
     """Return the command `fjh` with all its commands.
 
-    Only the studies of the given names can be run; the others are not imported, which would take a
-    second each.
+    Only the studies with the given names are imported and can be run, because each import takes up
+    to a second.
     """
     app = _group("fjh", HELP)
     app.callback()(_options)
@@ -102,7 +102,7 @@ def _listed() -> None: ...
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run `fjh` and return its exit code, one of those in its help."""
+    """Run `fjh` and return its exit code; `fjh --help` lists the exit codes."""
     command_line = sys.argv[1:] if arguments is None else arguments
     if command_line in ([], ["paper"]):
         command_line = [*command_line, "--help"]
@@ -122,7 +122,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _empty_option(command_line: list[str]) -> str | None:
-    """Return the first empty option or argument: an empty path would mean the working folder."""
+    """Return the first empty option or argument: an empty path would be the working folder."""
     for former, word in pairwise(["the first argument", *command_line]):
         if not word:
             return former if former.startswith("-") else f"an argument after {former}"

@@ -1,4 +1,4 @@
-"""Commands that show results of runs and studies: results, review, render, animate."""
+"""Commands `results`, `review`, `render` and `animate`, which show results of runs and studies."""
 
 import re
 import shlex
@@ -32,12 +32,11 @@ def results(
         Path | None, Option("Earlier result of the same study, to compare with.", "FOLDER")
     ] = None,
 ) -> None:
-    """Print runs and checks of results, or their changes since an earlier result.
+    """Print the runs and checks in results, or the changes since an earlier result.
 
-    Changes within noise (see docs/recordings.md) are left out. Rows are matched by their names;
-    settings that differ are printed first. The exit code is 1 if a check failed or, with --against,
-    if a check fails that passed before. In Python `fjh.results` and `fjh.compare` return the same
-    as data frames.
+    Settings that differ are printed first; rows are matched by name, and changes within noise (see
+    docs/recordings.md) are left out. The exit code is 1 if a check failed or, with --against, if a
+    check fails that passed before. In Python, `fjh.results` and `fjh.compare` return data frames.
 
     Example: fjh results results/table1 --against docs/data/table1.json
     """
@@ -86,9 +85,9 @@ def review(
     """Show several runs of any robots side by side in one recording.
 
     Two or three runs are shown with the robot in 3D, error, inputs, secondary motion, states and
-    events; more runs with one column of plots each, a page of robots, and one of numbers. Runs of
-    one robot and task have the same scales. The machine file of a robot is located by its SHA-256,
-    where `fjh track` read it or in models/. Takes seconds.
+    events; more runs with a column of plots each, a page of robots and a page of numbers. Runs of
+    one robot and task have the same scales. A robot's MJCF file is found by its SHA-256 where `fjh
+    track` read it, or in models/. Takes seconds.
 
     Example: fjh review results/table1 results/track --out /tmp/runs.rrd
     """
@@ -114,11 +113,11 @@ def render(
     ] = None,
     size: Annotated[str, Option("Size of the picture in pixels.", "WIDTHxHEIGHT")] = "1600x900",
 ) -> None:
-    """Make a picture of a recording: the viewer's views, on white.
+    """Make a picture of a recording's views, on white.
 
-    Needs a graphics card or Mesa's Vulkan driver (mesa-vulkan-drivers), but no display. Without a
-    display the viewer has only a dark theme, whose dark and light greys are exchanged. A warning of
-    the viewer counts as an error. Takes 5 s.
+    Needs a graphics card or Mesa's Vulkan driver (mesa-vulkan-drivers), but no display. Dark and
+    light greys are exchanged, because without a display the viewer has only a dark theme. A warning
+    of the viewer counts as an error. Takes 5 s.
 
     Example: fjh render results/table1/W_e.rrd --time 6 --out picture.png
     """
@@ -144,9 +143,9 @@ def animate(
 ) -> None:
     """Make an animation of a run, or of two side by side.
 
-    It shows the machine with failed parts in magenta, its path and its error; two runs of one robot
-    and task have the same scales. It starts shortly before the first failure. Like `fjh render` it
-    needs a Vulkan driver, but no display. The GIF lasts 8 s, below 1 MB, and takes half a minute.
+    The animation shows the machine with failed parts in magenta, its path and its error, from
+    shortly before the first failure; two runs of one robot and task have the same scales. Needs a
+    Vulkan driver like `fjh render`. The GIF of 8 s has less than 1 MB. Takes half a minute.
 
     Example: fjh animate unaware/track.npz diagnosed/track.npz --out lock.gif
     """

@@ -1,4 +1,4 @@
-"""Message and exit code of a command that an error ends."""
+"""Messages and exit codes of commands that end by an error."""
 
 import inspect
 import os
@@ -13,7 +13,7 @@ from fjh.study.interrupts import INTERRUPTION, interrupted
 
 UNSOUND, WRONG_INPUT, INTERRUPTED = 1, 2, 130
 TRACEBACK = "FJH_TRACEBACK"
-"""Name of the environment variable with which an unexpected error keeps its traceback."""
+"""Environment variable; if it is set, an unexpected error prints its traceback."""
 
 _SIBLINGS = ("argument_checks", "experiments", "ftc", "prioritized", "sim")
 _FOLDERS = [
@@ -25,7 +25,7 @@ _FRAME = re.compile(r'File "(.+)", line (\d+), in .+\n +(\S.*)')
 
 
 def exit_message(error: Exception) -> tuple[str, int]:
-    """Return the message and the exit code for an error; after an interruption always that one.
+    """Return the message and the exit code for an error; an earlier interruption has precedence.
 
     Raises:
         Exception: The error itself, if it is unexpected and :data:`TRACEBACK` is set.

@@ -30,12 +30,12 @@ def live(
     """Cause failures of a robot in the browser, and watch its controller react.
 
     Two robots are simulated side by side, in real time if the computer is fast enough: one with the
-    supervisor, one with a controller without diagnosis. Buttons lock, release or weaken each
-    actuator, whose state a dot marks; others bump the payload, add hum, freeze a sensor, lower the
+    supervisor, one with a controller without diagnosis. Buttons lock, free or weaken each actuator,
+    and a dot marks its state; other buttons bump the payload, add hum, freeze a sensor, lower the
     supply voltage, or change path, weights and diagnosis. The robot is an MJCF file, by default the
-    hexapod. The page is served to browsers on this computer only, at the printed address, until
-    Ctrl-C; other pages open there cannot press its buttons. It is ready within 8 s, on the first
-    start on a computer within two minutes.
+    hexapod. Only browsers on this computer can open the page, at the printed address, until Ctrl-C;
+    other pages in these browsers cannot press its buttons. It is ready within 8 s, at the first
+    start within two minutes.
 
     Writes live_1.rrd and so on to the folder when a button saves the last minute, else nothing.
 

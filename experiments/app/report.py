@@ -1,4 +1,4 @@
-"""Command `fjh paper report`: the main studies, one after another, on one page."""
+"""Command `fjh paper report`, which runs the main studies and puts them on one page."""
 
 import inspect
 import json
@@ -24,7 +24,7 @@ INDEX = "report.json"
 STUDIES: dict[str, dict[str, Any]] = {
     name: {} for name in (*PAPER, "survey") if name != "atlas"
 } | {"jacobian": {"loop": True}}
-"""Options of the studies of the report, other than their defaults, by name and in order."""
+"""Options of the report's studies that differ from their defaults, by name, in order."""
 
 
 def report(
@@ -36,14 +36,13 @@ def report(
 ) -> None:
     """Run the main studies and write one HTML page on all of them.
 
-    For each study the page has tables, figures, the result of its checks, and the command that
-    reproduces it; at the end computer, versions and commit. The page is a single file. An estimated
-    two hours on two cores; track and atlas are left out.
+    The page is a single file with the tables, figures and checks of each study, the command that
+    reproduces it, and at the end computer, versions and commit. The studies track and atlas are
+    left out. Takes an estimated two hours on two cores.
 
-    After Ctrl-C the same command continues, within a sweep with the missing runs. A finished
-    study is run again only if its files, the options, the code, the package versions or the
-    processor have changed. The page is rewritten after every study. If a check of a study fails,
-    the others are run nevertheless.
+    After Ctrl-C the same command continues, also within a sweep. A finished study is run again only
+    if its files, the options, the code, the package versions or the processor have changed. The
+    page is rewritten after every study. If a check fails, the other studies are run nevertheless.
 
     Writes report.json, report.html, and a folder for each study with the files of its command.
 
@@ -71,7 +70,7 @@ def run_report(
         The contents of `report.json`.
 
     Raises:
-        Interrupted: Ctrl-C; finished studies are complete and on the page.
+        Interrupted: Ctrl-C was pressed; finished studies are on the page.
         OutputError: The folder cannot be written.
     """
     from fjh.study import provenance  # late, as the help text must not wait for these imports
@@ -87,7 +86,7 @@ def run_report(
                 entries[name] = _run(name, folder / name, values, label, show)
             except (KeyboardInterrupt, Interrupted):
                 where = f"{name}, study {k} of {len(studies)}"
-                again = f"finished studies are kept, and the same command continues with {where}"
+                again = f"finished studies are saved, and the same command continues with {where}"
                 raise Interrupted(f"{INTERRUPTION}; {again}") from None
         summary = {
             "experiment": "report",
@@ -107,7 +106,6 @@ def run_report(
 def _run(
     name: str, folder: Path, values: Mapping[str, Any], label: str, show: bool
 ) -> dict[str, Any]:
-    """Run a study into its folder; return its entry in `report.json`."""
     function, start = study(name), time.perf_counter()
     try:
         # Unfinished runs of the same study are continued.
@@ -127,13 +125,12 @@ def _run(
 
 
 def _command(function: Study, values: Mapping[str, Any], folder: Path) -> str:
-    """Return the command line that reproduces the numbers of a study."""
     arguments = [*command_of(function.__name__), *command_arguments(function, values)]
     return shlex.join([*arguments, "--out", str(folder)])
 
 
 def _former(folder: Path, basis: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return the entries of an earlier report that are still valid, by name."""
+    """Return the still valid entries of an earlier report, by name."""
     try:
         former = json.loads((folder / INDEX).read_bytes())
         same = {key: former[key] for key in basis} == basis
@@ -160,7 +157,7 @@ def page(summary: Mapping[str, Any], folder: Path) -> str:
         return re.sub(r'src="([^"/:]+)"', lambda match: f'src="{data_uri(files / match[1])}"', html)
 
     def about(name: str) -> str:
-        """Return the second paragraph of a study's help: its method and duration."""
+        """Return the second paragraph of a study's help, on its method and duration."""
         return inspect.cleandoc(study(name).__doc__ or "").split("\n\n")[1]
 
     machine = summary["machine"]
@@ -184,10 +181,10 @@ def page(summary: Mapping[str, Any], folder: Path) -> str:
 
 
 def when(moment: str) -> str:
-    """Format a time in ISO 8601, to the minute."""
+    """Format a time of ISO 8601 for people, to the minute."""
     return f"{datetime.fromisoformat(moment):%Y-%m-%d %H:%M %Z}"
 
 
 def span(seconds: float) -> str:
-    """Format a duration in seconds."""
+    """Format a duration [s] in minutes and seconds."""
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds // 60:.0f} min {seconds % 60:.0f} s"

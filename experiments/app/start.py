@@ -1,4 +1,4 @@
-"""Entry point of `fjh`, which checks the installed packages before it imports them."""
+"""Entry point of `fjh`, which checks that packages are installed before it imports them."""
 
 import os
 import signal

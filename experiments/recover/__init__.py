@@ -52,7 +52,7 @@ from sim import CLOSURE_TOLERANCE, Failure
 from sim.mjcf import model_sha256
 
 HOURS, TURN_S = 2.0, 4.0
-"""Defaults: hours without failures, and duration of a turn of another robot's circle [s]."""
+"""Default hours without failures, and default duration of a turn of another robot's circle [s]."""
 OF_TRACK = Option("Same as in `fjh track`.", listed=False)
 
 RECORDED = {
@@ -65,27 +65,27 @@ RECORDED = {
         Failure(4, "locked", 10.0),
     ),
 }
-"""Failures of the recorded runs, by name. The cascade leaves struts 3 and 6 in the end, which act
-in one direction of the (alpha, beta) plane."""
+"""Failures of the recorded runs, by name. After the cascade only struts 3 and 6 work, which act in
+one direction of the (alpha, beta) plane."""
 
 
 def recover(
     *,
     seed: Annotated[int, seed_of("the random failures and plants, and the detector noise")] = 0,
-    quick: Annotated[bool, Option(help="A few runs of each sort.")] = False,
+    quick: Annotated[bool, Option(help="Only a few runs of each sort.")] = False,
     model: Annotated[
         Path | None,
         Option(
             metavar="MODEL.xml",
-            help="Another robot, on a circle; with the options of fjh track.",
+            help="MJCF file of another robot, on a circle; takes options of fjh track.",
         ),
     ] = None,
     hours: Annotated[
         float,
-        Option(metavar="H", help="Simulated time without failures, unless --quick."),
+        Option(metavar="H", help="Hours to simulate without failures; fewer with --quick."),
     ] = HOURS,
     events: Annotated[
-        bool, Option(help="Events without a hypothesis (docs/recover.md); 30 minutes.")
+        bool, Option(help="Simulate events other than failures (docs/recover.md): 30 minutes.")
     ] = False,
     controller: Controller = None,
     where: Where = HERE,
@@ -99,7 +99,7 @@ def recover(
 
     Struts lock, or lose coil force, at random times, on plants that differ from the controller's
     model. The supervisor is compared with a controller that is informed at once, and with one
-    without diagnosis. 40 minutes on two idle cores, half a minute with --quick; --events and
+    without diagnosis. Takes 40 minutes on two idle cores, half a minute with --quick; --events and
     --model simulate other cases instead. After Ctrl-C, --resume continues.
 
     Writes recover.json, the rows as recover.parquet, tables, a figure, some runs and recordings.
@@ -167,26 +167,26 @@ def recover(
 def refuse_others(
     hexapod: Mapping[str, Any], robot: Mapping[str, Any], *, is_robot: bool, events: bool
 ) -> None:
-    """Check that no option for other cases is given; options other than their defaults are true.
+    """Check that no option for other cases is given; the mappings are true for changed options.
 
     Raises:
         WrongInput: An option for other cases is given.
     """
     others = hexapod if is_robot else robot
     for name in (name for name, is_given in others.items() if is_given):
-        relation = "does not go with" if is_robot else "needs"
+        relation = "cannot be used with" if is_robot else "needs"
         raise WrongInput(f"--{name.replace('_', '-')} {relation} --model")
     if robot["sense"]:
-        raise WrongInput("--sense does not go with --model: each sensing is simulated")
+        raise WrongInput("--sense cannot be used with --model: all sensings are simulated")
     for name in ("hours", "controller") if events else ():
         if hexapod[name]:
-            raise WrongInput(f"--{name} does not go with --events")
+            raise WrongInput(f"--{name} cannot be used with --events")
     if hexapod["controller"] and hexapod["scheduler"]:
-        raise WrongInput("--controller does not go with --scheduler: its module is here alone")
+        raise WrongInput("--controller is imported on this computer alone: omit --scheduler")
 
 
 def hexapod_basis(seed: int, quick: bool, events: bool, controller: str | None) -> dict[str, Any]:
-    """Return the sampling parameters of failures or events of the hexapod."""
+    """Return the parameters from which failures or events of the hexapod are sampled."""
     if events:
         names, count = (plan.QUICK_EVENTS, 1) if quick else (tuple(EVENTS), plan.EVENTS_EACH)
         healthy_s = 2.0 if quick else 3600.0
@@ -198,11 +198,11 @@ def hexapod_basis(seed: int, quick: bool, events: bool, controller: str | None) 
 
 
 Job = tuple[str, Callable[[], list[Any]]]
-"""Name of a table, and the function that makes rows of it on any worker."""
+"""Name of a table, and a function that makes rows of the table on a worker."""
 
 
 def additional_jobs(first: Case, controller: str | None, seed: int, quick: bool) -> list[Job]:
-    """Return the analyses in addition to failures of the hexapod, fewer with --quick."""
+    """Return further analyses of the hexapod, fewer with --quick."""
     count, controllers = 1 if quick else None, dict.fromkeys((None, controller))
     struts, late = range(6)[:count], () if quick else LATE_FAILURES
     names, settings = [*RECORDED][:count], [*predictions.SETTINGS][:count]
@@ -221,7 +221,7 @@ def recorded_run(
 ) -> list[tuple[Row, Run]]:
     """Simulate a recorded run with all mismatches; return its row and the run.
 
-    It is the spiral from its start or, if `quick`, from shortly before the failures.
+    The run is the spiral from its start or, if `quick`, from shortly before the failures.
     """
     begin_s = RECORDED[name][0].time_s - plan.BEFORE_S if quick else 0.0
     duration_s = RECORDED[name][-1].time_s + 2.0 - begin_s
@@ -234,7 +234,7 @@ def recorded_run(
 
 
 def controller_table(name: str, rows: pd.DataFrame, recorded: pd.DataFrame) -> pd.DataFrame:
-    """Summarize another controller in the cases with all mismatches and in the recorded runs."""
+    """Return a summary of another controller in cases with all mismatches and recorded runs."""
     simulated, others = rows[rows.rms_other_after.notna()], recorded[recorded.controller.notna()]
     square = [(simulated[f"rms_{who}_after"] ** 2).mean() for who in ("other", "informed")]
     failures = [*simulated.controller_failure.dropna(), *others.controller_failure.dropna()]
@@ -302,7 +302,7 @@ def repeatable_runs(
 ) -> tuple[tuple[Case, ...], Callable[[Case], tuple[Row, Run]]]:
     """Return the runs of a `recover.json`, and the function that repeats one.
 
-    Another controller is not repeated: its columns are not among those of the dataset.
+    Runs of another controller are not repeated, since the dataset lacks their columns.
 
     Raises:
         WrongInput: The runs are of another robot, whose file is not among the results.

@@ -18,7 +18,7 @@ from fjh.study.result import Picture
 from ftc.fdi import KINDS
 
 _AFTER = {"supervised": BLUE, "unaware": ORANGE, "other": PURPLE}
-"""Colours of the controllers whose error after recovery is compared with an informed one."""
+"""Colours of controllers whose error after recovery is compared with an informed one's."""
 _OF = {"actuator": BLUE, "supply": ORANGE, "machine": GREEN, "sensor": VERMILION}
 GROUPS = {
     "coils: gain, hysteresis": ("gain", "hysteresis"),
@@ -28,16 +28,16 @@ GROUPS = {
     "drifts of coils and detector": ("gain_drift_per_s", "drift_urad_per_s"),
     "all at once": ("all",),
 }
-"""Mismatches of plant and model by group."""
+"""Names of mismatches, by group."""
 
 
 def pictures(rows: pd.DataFrame, tables: Tables, noise: float) -> list[Picture]:
     """Return the figure of failures of the hexapod, or that of events."""
     if "by_event" in tables:
         caption = (
-            "RMS error since each event, divided by that of the same controller without "
-            "diagnosis, or after recovery, if that is larger: all runs, and the worst as large "
-            "dots. If the errors differ by less than the sensors' noise, it is at most 1."
+            "Ratio of the RMS error since each event to that of the same controller without "
+            "diagnosis, or the ratio after recovery, if that is larger: all runs, and the worst "
+            "as large dots. Ratios are at most 1 if errors differ by less than sensor noise."
         )
         alt = f"A row of dots for each event, by what fails; a line at {WORST:g}; ratios of errors."
         plot = partial(figure_events, rows, tables["by_event"], noise)
@@ -79,7 +79,7 @@ def figure_failures(rows: pd.DataFrame) -> Figure:
 
 
 def plot_delays(axes: Axes, kinds: pd.Series, delay_ms: pd.Series) -> None:
-    """Plot the share of correctly identified failures over the time since the failure."""
+    """Plot the fraction of correctly identified failures over the time since onset."""
     isolated = delay_ms[delay_ms < np.inf]
     for kind, color in zip(KINDS, (BLUE, VERMILION, GREEN), strict=True):
         if len(ms := delay_ms[kinds == kind]):
@@ -90,7 +90,7 @@ def plot_delays(axes: Axes, kinds: pd.Series, delay_ms: pd.Series) -> None:
 
 
 def plot_ratios(axes: Axes, mixed: pd.DataFrame) -> None:
-    """Plot the distribution of the error after recovery over that of an informed controller."""
+    """Plot the distribution of errors after recovery, relative to an informed controller's."""
     for name, color in _AFTER.items():
         if f"rms_{name}_after" in mixed:
             over = (mixed[f"rms_{name}_after"] / mixed.rms_informed_after).dropna()
@@ -100,7 +100,7 @@ def plot_ratios(axes: Axes, mixed: pd.DataFrame) -> None:
 
 
 def plot_sizes(axes: Axes, simulated: pd.DataFrame) -> None:
-    """Plot the number of correct identifications for each group of mismatches and size."""
+    """Plot the number of correct identifications by group and size of mismatches."""
     group_of = {name: group for group, names in GROUPS.items() for name in names}
     cells = simulated.right.eq(True).groupby([simulated.mismatch.map(group_of), simulated.factor])
     names = [name for name in GROUPS if name in set(simulated.mismatch.map(group_of))]
@@ -122,7 +122,7 @@ def plot_sizes(axes: Axes, simulated: pd.DataFrame) -> None:
 
 
 def figure_events(rows: pd.DataFrame, by_event: pd.DataFrame, noise: float) -> Figure:
-    """Plot the ratio of errors of each run, a row for each event; a large dot for the worst."""
+    """Plot ratios of errors of all runs, a row for each event, with a large dot for the worst."""
     runs = rows[rows.sort.eq("event") & rows.status.eq("flown")]
     ratio = harm_ratio(runs, noise)
     event = runs.event[ratio.index]

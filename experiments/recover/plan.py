@@ -1,4 +1,4 @@
-"""Cases of the study `recover`, each sampled from a seed and its index."""
+"""Cases of the study `recover`, each sampled from a seed and the index of the case."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,17 +27,16 @@ from sim.plant import FailureKind
 
 BENCH = TestbedConfig()
 Sort = Literal["failure", "size", "pair", "healthy", "event"]
-"""Purpose of a case: one failure, compared with an informed controller; the size of a mismatch,
-with the supervised controller only; two failures; no failure; an event, compared with a controller
-without diagnosis."""
+"""Purpose of a case: a failure, compared with an informed controller; a size of mismatch, with the
+supervisor only; two failures; none; or an event, compared with a controller without diagnosis."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """Parameters of a run with all compared controllers; small, since they are sent to workers.
+    """Parameters of a run with all compared controllers, few numbers that are sent to workers.
 
-    The path is the testbed's spiral from any time on; a circle from rest; steps outwards and back,
-    each a quarter of a turn long; or a constant position.
+    The path is the testbed's spiral from a given time on, a circle from rest, steps outwards and
+    back (a quarter of a turn each), or a constant position.
     """
 
     sort: Sort
@@ -70,12 +69,12 @@ class Case:
         return min((item.time_s for item in (*self.failures, *self.events)), default=inf)
 
     def rig(self) -> Rig:
-        """Return the robot with the plant of this case, for all its controllers."""
+        """Return the robot with the plant of this case, for all controllers."""
         rig = exact_rig(self.model, self.options)
         return rig.with_mismatch(sizes_of(rig, self.mismatch).scaled(self.factor), self.plant_seed)
 
     def path(self, rig: Rig) -> Array:
-        """Return the desired displacements of the major rows, shape (N, m1)."""
+        """Return the desired displacements of the major rows, [rad] or [m], shape (N, m1)."""
         if self.course == "spiral":
             size_urad = self.radius * BENCH.spiral_radius_urad
             bench = replace(BENCH, spiral_period_s=self.turn_s, spiral_radius_urad=size_urad)
@@ -128,21 +127,21 @@ def sizes_of(rig: Rig, mismatch: str) -> Mismatch:
 # The cases: failures and events, of the hexapod and of other robots.
 
 BEFORE_S, AFTER_S = 1.2, 2.5
-"""Durations of a run of the hexapod before and after its failure [s]."""
+"""Durations [s] of a run of the hexapod before and after the failure."""
 COURSES = 6
-"""Number of paths of an event, in turn: the spiral, three times, twice with another speed and
-radius; a circle; steps; constant."""
+"""Number of paths for each event: the spiral (as in the testbed, and with two other speeds and
+radii), a circle, steps, a constant position."""
 
 _STREAMS: dict[Sort, int] = {"failure": 2, "size": 2, "pair": 4, "healthy": 5, "event": 6}
 _HEALTHY_AMONG_EVENTS, _EVENTS_OF_ROBOTS = 7, 8
-"""Identifiers of random streams; failures are the same at every size."""
+"""Numbers of random streams."""
 _POSTURE_M, _EFFECTIVENESS = 10e-6, (0.2, 0.8)
 _AFTER_EVENT_S, _EARLY_S, _LATER_S = 3.0, (0.2, 0.8), (0.9, 6.0)
 _EARLY = (2, 9)
-"""Samples, of every twelve, with the event in the learning phase of the diagnosis."""
+"""Indices, of every twelve cases, with the event in the learning phase of the diagnosis."""
 _LEARNED_S, _LEFT_S, _AFTER_ROBOT_EVENT_S = 0.8, 1.0, 1.5
-"""Durations in runs of other robots [s]: the learning phase, excluded from errors; the time after
-recovery; the time after an event."""
+"""Durations [s] in runs of other robots: learning phase (excluded from errors), time after
+recovery, time after an event."""
 _HEALTHY_S, _HEALTHY = 6.0, 3
 """Duration [s] and number of healthy runs of other robots for each sensor configuration."""
 
@@ -150,7 +149,7 @@ Block = tuple[Sort, str, float, int]
 """Block of cases: sort, mismatch, factor and number of cases."""
 
 FACTORS = (0.3, 3.0, 10.0, 30.0, 100.0)
-"""Factors of a mismatch, in addition to 1, that of the failures, and 0, the exact plant."""
+"""Factors of mismatches, in addition to 1 (cases with failures) and 0 (exact plant)."""
 _LARGEST = {"drift_urad_per_s": 100.0, "gain_drift_per_s": 100.0}
 _LARGEST |= {"damping": 3.0, "all": 3.0, "timestep_s": 0.0}
 """Largest factors: damping cannot be negative, a physics step has no size. Others end at 30, where
@@ -166,9 +165,9 @@ WHOLE: list[Block] = [
     ),
     ("pair", "all", 1.0, 24),
 ]
-"""Blocks of the full study. The stated rate is that with all mismatches: 306 of 306 imply 98.8 %
-(at 95 %), 60 of 60 imply 94 %. Three cases of a size, a locked, a free and a weak strut, only show
-where the diagnosis fails."""
+"""Blocks of the full study. With 95 % confidence, 306 of 306 correct cases imply a rate above 98.8
+%, 60 of 60 one above 94 %. The three cases of each size (locked, free, weak) only show where the
+diagnosis fails."""
 QUICK: list[Block] = [
     ("failure", "exact", 1.0, 1),
     ("failure", "all", 1.0, 3),
@@ -183,9 +182,9 @@ def hexapod_cases(sampling: Mapping[str, Any], healthy: int) -> tuple[Case, ...]
     """Return the cases of the hexapod: events, or failures and healthy runs.
 
     Args:
-        sampling: Seed, and the arguments of :func:`hexapod_events` as "events" or those of
-            :func:`hexapod_failures` as "flights", as in the basis of the dataset.
-        healthy: Number of healthy runs; more can be added later.
+        sampling: Basis of the dataset: seed, and arguments of :func:`hexapod_events` as "events" or
+            of :func:`hexapod_failures` as "flights".
+        healthy: Number of healthy runs, which may increase later.
     """
     seed = sampling["seed"]
     if "events" in sampling:
@@ -205,9 +204,9 @@ def hexapod_failures(
     seed: int,
     controller: str | None = None,
 ) -> tuple[Case, ...]:
-    """Return cases of struts that fail at random times and postures on the spiral; healthy runs.
+    """Return cases with failures at random times and postures on the spiral, then healthy ones.
 
-    Healthy runs are last, as their number may change.
+    Healthy runs are last because their number may change.
     """
     cases = list[Case]()
     last: Block = ("healthy", "all", 1.0, healthy)
@@ -251,22 +250,21 @@ def _random_posture(sort: Sort, rng: np.random.Generator) -> Case:
 
 
 def about(posture: Array | float) -> Dither:
-    """Return the dither of the hexapod about a posture of the struts, (6,) or one for all, [m]."""
+    """Return the hexapod's dither about strut displacements [m], shape (6,) or one for all."""
     return replace(DITHER, offset=tuple(np.broadcast_to(posture, 6).tolist()))
 
 
 def around(case: Case, after_s: float = AFTER_S) -> Case:
-    """Return a case cut to the part of the spiral around its first failure."""
+    """Return a case that is cut to the part of the spiral around its first failure."""
     return replace(case, begin_s=case.onset_s - BEFORE_S, duration_s=BEFORE_S + after_s)
 
 
 def _time_s(rng: np.random.Generator, low_s: float, high_s: float) -> float:
-    """Sample a time in whole control periods [s]."""
     return round(float(rng.uniform(low_s, high_s)), 3)
 
 
 def numbered(cases: Iterable[Case]) -> tuple[Case, ...]:
-    """Number the cases in their order."""
+    """Return the cases with numbers in their order."""
     return tuple(replace(case, number=number) for number, case in enumerate(cases))
 
 
@@ -275,8 +273,8 @@ def hexapod_events(
 ) -> tuple[Case, ...]:
     """Return the longest case, a run without events, and `each` cases of each event.
 
-    Cases with the same index differ only in the event: plant, path, posture, time and noise are the
-    same, so that events can be compared.
+    Cases with the same index differ only in the event; plant, path, posture, time and noise are the
+    same.
     """
     rng = np.random.default_rng([seed, _HEALTHY_AMONG_EVENTS])
     plant_seed, noise_seed = rng.integers(2**32, size=2).tolist()
@@ -289,8 +287,8 @@ def hexapod_events(
 def _with_event(name: str, seed: int, index: int) -> Case:
     """Return the case of an event with this index.
 
-    All paths are simulated first on plants of the family of errors that the diagnosis assumes, then
-    of another one; struts take turns.
+    All paths occur first on plants of the mismatch family that the diagnosis assumes, then of
+    another family; the struts alternate.
     """
     rng = np.random.default_rng([seed, _STREAMS["event"], index])
     case = _random_posture("event", rng)
@@ -317,9 +315,9 @@ def _with_event(name: str, seed: int, index: int) -> Case:
 
 
 def recovered_s(rig: Rig) -> float:
-    """Return the time in which errors after a failure decay [s]: a period of the slowest crossover.
+    """Return the time [s] in which errors after a failure decay: a period of the slowest crossover.
 
-    It is at least that of the hexapod, whose loops are faster.
+    The time is at least that of the hexapod, whose loops are fast.
     """
     return max(0.5, 1 / min(loop.crossover_hz for loop in rig.margins))
 
@@ -334,7 +332,7 @@ def robot_cases(
     seed: int,
     quick: bool,
 ) -> tuple[tuple[Case, ...], dict[Sensing, dict[str, Any] | None]]:
-    """Return cases of any robot on a circle, with failures or events, and its dither by sensing.
+    """Return cases of any robot on a circle, with failures or events, and the dithers by sensing.
 
     Raises:
         WrongInput: An option does not fit the robot.
@@ -367,7 +365,7 @@ def robot_cases(
 def robot_failures(
     first: Case, design: DitherDesign | None, seed: int, quick: bool
 ) -> Iterator[Case]:
-    """Yield a failure of each kind of each actuator, equal for every sensing, then healthy runs."""
+    """Yield failures of each kind and actuator, equal for every sensing, then healthy runs."""
     rig = exact_rig(first.model, first.options)
     isolable = () if design is None else design.separations.isolable()
     separated = {(fault.actuator, fault.kind) for fault in isolable}

@@ -29,20 +29,20 @@ from ftc.fdi import (
 from sim import NOMINAL, Array
 
 AMBIGUOUS = 6.18
-"""Distance below which more than one of a thousand pairs is mistaken: Phi(-d / 2) = 1e-3."""
+"""Distance d of two hypotheses with an error rate of Phi(-d / 2) = 1e-3."""
 ISOLABLE = 10.0
-"""Distance of isolable failures, fixed beforehand: outputs of half a second by the linear model are
-this far from those of every other hypothesis, mean odds of e^50. Others do not count in the
-isolation rate."""
+"""Least distance of isolable failures, chosen before the study: in the linear model, outputs of
+half a second differ by this from those of every other hypothesis (mean odds e^50). The isolation
+rate counts only isolable failures."""
 EVIDENCE_S, DITHER_EVIDENCE_S = 0.5, 0.1
-"""Duration of the evidence [s], and of that in the design of the dither, which reduces delays."""
+"""Durations [s] of the evidence, and of that for the dither's design, which reduces delays."""
 
 DIRECTIONS = {"gamma": 2, "t_x": 3, "t_y": 4, "t_z": 5}
-"""Columns of the strut displacements per twist for payload motions that do not change pointing."""
+"""Columns of the twist for payload motions that do not change pointing."""
 FREQUENCIES_HZ = (5.0, 10.0, 20.0, 30.0)
 AMPLITUDES_M = (0.125e-6, 0.25e-6, 0.5e-6, 1e-6)
 SETTINGS = {"angles": STILL, "angles, dither": DITHER}
-"""Dithers of the sensor settings, by name."""
+"""Dithers by name of the setting."""
 
 _RIGID: tuple[FaultKind, ...] = ("locked", "free")
 _HALF = 0.5
@@ -51,9 +51,9 @@ _START_S, _EARLIEST_S = 6.0, 1.5
 
 
 def separations(case: Case) -> tuple[float, float]:
-    """Return the distances of a case's failure: from other struts and no failure, and other kinds.
+    """Return a failure's distance from other struts and no failure, and from other kinds.
 
-    They are those of the detector's outputs, with the dither of the case.
+    Distances are between outputs of the detector, with the dither of the case.
     """
     rig, fault = exact_rig(), Fault.of(case.failures[0])
     path, onset = case.path(rig), round(BEFORE_S / rig.period_s)
@@ -65,18 +65,18 @@ def separations(case: Case) -> tuple[float, float]:
 def _distances(
     rig: Rig, path: Array, dither: Dither, fault: Fault, onset: int, evidence_s: float
 ) -> tuple[Array, float]:
-    """Return the distances of a failure at a tick from all faults (6, 3), and from no failure."""
+    """Return the distances of a fault from all faults, (6, 3), and from no fault."""
     states, commanded = linear_run(rig, path, dither, [fault], onset)
     until = onset + round(evidence_s / rig.period_s)
     return isolability(rig.nominal, fault, onset, states[:until], commanded[:until])
 
 
 def ambiguity_rows(setting: str, struts: Sequence[int]) -> list[Row]:
-    """Return the nearest hypotheses for each kind of failure of these struts.
+    """Return rows with the nearest hypotheses for each kind of failure of these struts.
 
-    Failures are within half a turn of the spiral from 7.5 s on, at the strut's centre and farthest
-    from it; `setting` is one of `SETTINGS`; `alike` is the number of hypotheses closer than
-    :data:`AMBIGUOUS`.
+    Failures are within half a turn of the spiral from 7.5 s on, where the strut is at its centre
+    and farthest from it. `setting` is one of `SETTINGS`. The column `alike` is the number of
+    hypotheses closer than :data:`AMBIGUOUS`.
     """
     rig, half_turn_s, dither = exact_rig(), BENCH.spiral_period_s / 2, SETTINGS[setting]
     duration_s = _EARLIEST_S + half_turn_s + EVIDENCE_S + rig.period_s
@@ -103,9 +103,9 @@ def ambiguity_rows(setting: str, struts: Sequence[int]) -> list[Row]:
 
 
 def dither_design(struts: Sequence[int] = (0, 1, 2)) -> list[Row]:
-    """Return the least distance of a locked or free strut from the others for each dither.
+    """Return rows with the least distance of a locked or free strut from other hypotheses.
 
-    The dithers are each direction at each frequency, then amplitudes of the selected one.
+    There is a row for each direction and frequency of the dither, then for each amplitude.
     """
     rig, sizes = exact_rig(), list(product(DIRECTIONS, FREQUENCIES_HZ, [DITHER.amplitude]))
     sizes += [("t_z", DITHER.frequency_hz, size) for size in AMPLITUDES_M]
@@ -126,10 +126,10 @@ def dither_design(struts: Sequence[int] = (0, 1, 2)) -> list[Row]:
 
 
 def stability_rows(struts: Sequence[int], rig: Rig | None = None) -> list[Row]:
-    """Return the stability of the loop for each true fault of these struts and each diagnosed one.
+    """Return rows on the loop's stability for each true fault of these struts and each diagnosis.
 
     Rows have the largest magnitude of a closed-loop pole (stable below 1), and the peak of the
-    largest singular value of the sensitivity. With `rig` None it is the exact one.
+    largest singular value of the sensitivity. A `rig` of None is that with the exact plant.
     """
     rig = exact_rig() if rig is None else rig
     compensators = control.append(*(loop.discrete for loop in rig.control.testbed.loops))
@@ -158,7 +158,7 @@ def _gain(rig: Rig, diagnosed: Fault | None) -> Array:
 
 
 def _plant(nominal: NominalModel, faults: Sequence[Fault]) -> control.StateSpace:
-    """Return the plant from commands to pointing, reduced to the coordinates that a lock leaves."""
+    """Return the plant with faults from commands to pointing."""
     model, k = fault_model(nominal, faults), nominal.plant.nstates // 2
     locked = [fault.actuator for fault in faults if fault.kind == "locked"]
     basis = scipy.linalg.null_space(nominal.displacement[locked, :k]) if locked else np.eye(k)

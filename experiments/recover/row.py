@@ -1,4 +1,4 @@
-"""Simulation of a case to a row: parameters, results of the diagnosis, errors by controller."""
+"""Simulation of a case, with its row: parameters, diagnosis, errors by controller."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from sim import Array, Failure, SimulationDiverged
 
 CONTROLLERS = ("supervised", "informed", "unaware")
 SPANS = ("before", "during", "after", "since")
-"""Parts of a run: before the failure or event, from it to recovery, after it, both of these."""
+"""Parts of a run: before onset, from onset to recovery, after recovery, and since onset."""
 
 COLUMNS = [
     *("case", "sort", "sense", "draw", "mismatch", "factor", "plant_seed", "seed"),
@@ -37,15 +37,15 @@ COLUMNS = [
     *("task_lost", "lost_rightly", "commands_changed", "report", "closure_residual_max_m"),
     *(f"{what}_{c}_{span}" for c in CONTROLLERS for span in SPANS for what in ("rms", "peak")),
 ]
-"""Columns of the dataset: `alarm_s` and `named_s` are relative to the failure or event, errors of
-all major rows together are in sizes of the path."""
+"""Columns of the dataset. `alarm_s` and `named_s` (time of identification) are relative to the
+onset; errors of all major rows together are in sizes of the path."""
 
 
 def row_of(case: Case) -> Row:
     """Simulate a case; return its row.
 
-    The status is "flown"; "ended" if the supervised controller's run ends by an error, or is not
-    finite, as in `message`; or "refused", if the robot cannot have the event.
+    The status is "flown" (completed); "ended", if the run of the supervised controller ends by the
+    error in `message`; or "refused", if the robot cannot have the event.
     """
     row, rig = case.parameters(), case.rig()
     try:
@@ -88,9 +88,9 @@ def simulate(case: Case) -> tuple[Row, Run]:
 
 
 def simulate_other(case: Case, controller: str) -> tuple[Row, Run]:
-    """Simulate another controller; return its errors, a sentence if it failed, and the run.
+    """Simulate another controller; return its errors (and failure, if any), and the run.
 
-    To be called in the main thread of a process, where a slow controller can be stopped.
+    Call this in the main thread of a process, where a slow controller can be stopped.
     """
     rig = case.rig()
     run, failure = simulate_with(rig, controller, case.path(rig), **_run_arguments(case))
@@ -101,11 +101,11 @@ def simulate_other(case: Case, controller: str) -> tuple[Row, Run]:
 
 
 def supervised_columns(rig: Rig, case: Case, run: Run) -> Row:
-    """Return the columns of the supervised controller: errors, alarms, diagnoses, and its report.
+    """Return the columns of the supervised controller: errors, alarms, diagnoses.
 
-    An actuator is correctly identified from its failure or event on, if diagnoses can describe
-    this; every other actuator is healthy. `right` is whether the first one identified since then is
-    correct, or, for events without a failed actuator, whether the cause is; None: nothing is.
+    Correct diagnoses are those of actuators since their failure or event, if diagnoses can describe
+    it. `right` is whether the first actuator identified since onset is correct or, for events
+    without a failed actuator, whether the cause is; None without diagnosis.
     """
     state, failures, period_s = run.state, all_failures(rig, case), rig.period_s
     tick, expected = tick_at(rig, case, case.onset_s), _expected(rig, case, failures)
@@ -154,7 +154,7 @@ Expected = dict[str, tuple[int, tuple[str, ...]]]
 
 
 def _expected(rig: Rig, case: Case, failures: tuple[Failure, ...]) -> Expected:
-    """Return the actuators that are correct diagnoses, with first tick and kinds."""
+    """Return the actuators that may be correctly diagnosed, with first tick and kinds."""
     expected: Expected = {
         rig.actuators[failure.number]: (tick_at(rig, case, failure.time_s), (failure.kind,))
         for failure in failures
@@ -170,12 +170,12 @@ def _expected(rig: Rig, case: Case, failures: tuple[Failure, ...]) -> Expected:
 
 
 def _is_kind(expected: Expected, actuator: str, diagnosis: Diagnosis) -> bool:
-    """Return whether a diagnosis includes the kind of the actuator's failure."""
+    """Return whether the kind of a diagnosis is correct for its actuator."""
     return actuator in expected and not {*expected[actuator][1]}.isdisjoint(diagnosis.kinds)
 
 
 def _is_cause(rig: Rig, case: Case, causes: Sequence[Cause | None]) -> bool | None:
-    """Return whether an event that is no failure was correctly explained; None for other events."""
+    """Return whether the cause of an event without failure was identified; else None."""
     if not case.events or (kind := case.events[0].kind).cause is None:
         return None
     actuator = case.events[0].actuator
@@ -189,7 +189,7 @@ def _is_cause(rig: Rig, case: Case, causes: Sequence[Cause | None]) -> bool | No
 
 @dataclass(frozen=True)
 class HoldingController(OracleController):
-    """Controller that keeps its state at a tick without a finite reading."""
+    """Controller that keeps its state at ticks without a finite reading."""
 
     def step(
         self,
@@ -221,7 +221,7 @@ def simulate_informed(
 ) -> Run:
     """Simulate a case with a controller informed of a fault `late_s` after the onset.
 
-    `displacement` is that of the actuator at its failure, with any controller.
+    `displacement` is that of the actuator at its failure.
     """
     n, share = len(rig.actuators), static_share(rig.nominal, fault)
     lost, acting = np.zeros(n), np.zeros(n)
@@ -244,7 +244,7 @@ def _run_arguments(case: Case) -> dict[str, Any]:
 
 
 def attempt(run: Callable[[], Run]) -> tuple[Run | None, str | None]:
-    """Return a run, or None and the reason of its early end, which is a result of the study."""
+    """Return a run and None, or None and the reason why it ended early."""
     try:
         return run(), None
     except (ValueError, SimulationDiverged) as error:
@@ -267,7 +267,7 @@ def is_task_lost(rig: Rig, failures: tuple[Failure, ...]) -> bool:
 
 
 def tick_at(rig: Rig, case: Case, time_s: float) -> int:
-    """Return the first tick of a run from a time on; one beyond the last if it is later."""
+    """Return the first tick at or after a time; the number of ticks for later times."""
     return tick_of(min(time_s - case.begin_s, case.duration_s), rig.period_s)
 
 
@@ -277,7 +277,7 @@ def distance(rig: Rig, run: Run) -> Array:
 
 
 def errors(rig: Rig, case: Case, run: Run, controller: str) -> Row:
-    """Return RMS and peak error in each span, in sizes of the path, as columns of a controller."""
+    """Return the columns of a controller: RMS and peak error in each span, in sizes of the path."""
     start, recovers = (round(s / rig.period_s) for s in (case.transient_s, case.recovered_s))
     tick, error = tick_at(rig, case, case.onset_s), distance(rig, run)
     ends = (start, tick), (tick, tick + recovers), (tick + recovers, None), (tick, None)
@@ -297,13 +297,13 @@ LATE_FAILURES = (
     Failure(0, "free", 8.25),
     Failure(0, "weak", 8.25, effectiveness=1.0),
 )
-"""Failures of which a controller is informed late or wrongly; the last one has no effect."""
+"""Failures of which a controller is informed late or incorrectly; the last one has no effect."""
 
 
 def informed_late(failure: Failure) -> list[Row]:
-    """Return rows of a controller informed of a failure late, and of the lock of another strut.
+    """Return rows of controllers that are informed late, or of a lock of another strut.
 
-    There is no secondary displacement; errors are in sizes of the path.
+    The posture is nominal; errors are in sizes of the path.
     """
     case = around(Case("failure", mismatch="exact", dither=about(0.0), failures=(failure,)))
     rig, truth = exact_rig(), Fault.of(failure)
@@ -326,8 +326,8 @@ def informed_late(failure: Failure) -> list[Row]:
 def dither_cost(case: Case, duration_s: float) -> list[Row]:
     """Return each major row's RMS error without failures, and its changes by dither and by seed.
 
-    The plant is exact. `moved` is the motion of all major rows by the dither on a plant with all
-    mismatches, where the actuators do not cancel. All are in sizes of the path.
+    The plant is exact, except for `moved`: the motion of all major rows by the dither on a plant
+    with all mismatches, where the actuators' effects do not cancel. Units are sizes of the path.
     """
     rig, mixed = exact_rig(), exact_rig().with_mismatch("all", case.plant_seed)
     case = replace(case, begin_s=0.0, duration_s=duration_s, failures=())

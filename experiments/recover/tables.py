@@ -1,4 +1,4 @@
-"""Statistics of all rows by groups, their checks, and the printed tables."""
+"""Statistics of rows by groups, with checks and printed tables."""
 
 from collections.abc import Mapping
 from math import inf, nan, sqrt
@@ -15,18 +15,18 @@ from fjh.study.result import Check, TableView, check
 from ftc.fdi import LEARNING_S
 
 WORST = 1.1
-"""Design requirement for every run: RMS error over that of a controller without diagnosis."""
+"""Required limit of every run's RMS error, relative to that of a controller without diagnosis."""
 NOT_ISOLATED, OVER_INFORMED, ALARMS_PER_HOUR, IDENTIFIED_S = 0.01, 1.10, 0.1, 0.3
-"""Goals with all mismatches: share of isolable failures that are not identified, RMS error over an
-informed controller's, false alarms per hour, and median time to identification [s]."""
+"""Goals with all mismatches: fraction of isolable failures that are not identified, RMS error
+relative to an informed controller's, false alarms per hour, median time to identification [s]."""
 ENOUGH_H = 30.0
-"""Least healthy time that can demonstrate the rate of false alarms [h]; of less time, the check is
-that the lower bound of the rate is below the goal."""
+"""Least healthy time [h] that can demonstrate the rate of false alarms. With less time, the check
+is that the lower bound of the rate is below the goal."""
 LARGE_ERROR = 10.0
-"""Error from which on a larger closure residual is allowed, in sizes of the path: MuJoCo closes
-loops by soft constraints, which open in proportion to the motion."""
+"""Error, in sizes of the path, above which a larger closure residual is accepted: MuJoCo's soft
+constraints open in proportion to the motion."""
 COUNTED = ("since", "after")
-"""Spans in which diagnosis may increase the error; a large transient would hide the second."""
+"""Spans in which an increase of the error by the diagnosis is examined."""
 
 CLOSED = "closure residual [m]"
 
@@ -34,12 +34,12 @@ Tables = Mapping[str, pd.DataFrame]
 
 
 def noise_of(rig: Rig) -> float:
-    """Return the RMS of the sensors' noise in all major rows; smaller differences do not count."""
+    """Return the RMS sensor noise of all major rows together, in sizes of the path."""
     return sqrt(len(rig.major)) * rig.noise / rig.size
 
 
 def grouped(rows: pd.DataFrame, noise: float) -> dict[str, pd.DataFrame]:
-    """Return statistics by mismatch and size, kind of failure, event; and of other sorts, if any.
+    """Return tables of statistics: by mismatch and size, kind of failure, event, and other sorts.
 
     Args:
         rows: Rows of the dataset, with columns of another controller if there is one.
@@ -66,10 +66,10 @@ def grouped(rows: pd.DataFrame, noise: float) -> dict[str, pd.DataFrame]:
 
 
 def statistics(rows: pd.DataFrame, noise: float) -> dict[str, Any]:
-    """Return the statistics of a group; those of missing controllers or spans are NaN.
+    """Return the statistics of a group of rows; NaN for missing controllers or spans.
 
-    Runs that ended early are counted, and excluded from all others. Errors are RMS over the runs,
-    and the largest peaks.
+    Runs that ended early are counted, but excluded from all other statistics. Errors are RMS values
+    over the runs, and the largest peaks.
     """
     simulated = rows[rows.status == "flown"]
     right, isolable = (simulated[simulated[name].eq(True)] for name in ("right", "isolable"))
@@ -111,7 +111,7 @@ def statistics(rows: pd.DataFrame, noise: float) -> dict[str, Any]:
 
 
 def share(name: str, values: pd.Series) -> dict[str, Any]:
-    """Return count and share of true values, with its exact (Clopper and Pearson) 95 % interval."""
+    """Return number and fraction of true values, with the 95 % interval of Clopper and Pearson."""
     valid = values.dropna().astype(bool)
     count, cases = int(valid.sum()), len(valid)
     low, high = binomtest(count, cases).proportion_ci(0.95) if cases else (nan, nan)
@@ -121,16 +121,16 @@ def share(name: str, values: pd.Series) -> dict[str, Any]:
 
 
 def delays(name: str, times_s: pd.Series) -> dict[str, float]:
-    """Return median, 95th percentile and largest of times."""
+    """Return median, 95th percentile and maximum of times."""
     levels = {"median": 0.5, "percentile_95": 0.95, "largest": 1.0}
     valid = times_s.dropna().astype(float)
     return {f"{name}_{key}_s": valid.quantile(level) for key, level in levels.items()}
 
 
 def over(rows: pd.DataFrame, controller: str) -> dict[str, Any]:
-    """Return RMS errors of the supervised controller over those of another one, in the same runs.
+    """Return ratios of the supervised controller's RMS errors to another's in the same runs.
 
-    The ratios are that of all runs together, the median and the largest.
+    The ratios are those of all runs together, their median, and their maximum.
     """
     result: dict[str, Any] = {}
     for span in COUNTED:
@@ -144,10 +144,10 @@ def over(rows: pd.DataFrame, controller: str) -> dict[str, Any]:
 
 
 def harm_ratio(rows: pd.DataFrame, noise: float) -> pd.Series:
-    """Return the RMS error of each run over that of a controller without diagnosis, if both exist.
+    """Return the ratio of each run's RMS error to that of a controller without diagnosis.
 
-    It is the larger ratio of those since the event and after recovery; at most 1 if errors differ
-    by less than the sensors' noise.
+    The ratio is the larger of those since the event and after recovery, and at most 1 if the errors
+    differ by less than the sensors' noise. It is NaN if one of the runs is missing.
     """
     ratios = {}
     for span in COUNTED:
@@ -158,9 +158,9 @@ def harm_ratio(rows: pd.DataFrame, noise: float) -> pd.Series:
 
 
 def hourly(rows: pd.DataFrame) -> dict[str, Any]:
-    """Return rates of alarms and of runs with an identified actuator, in healthy runs.
+    """Return the hourly rates of alarms and of identified actuators in healthy runs.
 
-    The time is that after the learning phase, in which alarms are possible.
+    Only the time after the learning phase counts, in which alarms are possible.
     """
     hours = float(rows.duration_s.sum()) / 3600
     monitored_hours = hours - float(rows.duration_s.clip(upper=LEARNING_S).sum() / 3600)
@@ -176,7 +176,7 @@ def hourly(rows: pd.DataFrame) -> dict[str, Any]:
 
 
 def per_hour(name: str, count: int, hours: float) -> dict[str, float]:
-    """Return the rate of a Poisson process with one-sided 95 % bounds (Garwood); no time: NaN."""
+    """Return the rate of a Poisson process with one-sided 95 % bounds (Garwood), or NaN."""
     rate = low = high = nan
     if hours:
         rate, high = count / hours, float(chi2.ppf(0.95, 2 * (count + 1))) / 2 / hours
@@ -189,7 +189,7 @@ def per_hour(name: str, count: int, hours: float) -> dict[str, float]:
 
 
 def checks(settings: Mapping[str, Any], rows: pd.DataFrame, tables: Tables) -> list[Check]:
-    """Check closure, completed runs, that diagnosis does no harm in any event, and the goals."""
+    """Return checks of closure, completed runs, errors increased by diagnosis, and the goals."""
     limit_m, is_large = settings["closure_limit_m"], rows.peak_supervised_since > LARGE_ERROR
     gap_m = rows.closure_residual_max_m.fillna(0.0)
     # Runs with the largest sizes of a mismatch have unstable loops.
@@ -222,7 +222,7 @@ def checks(settings: Mapping[str, Any], rows: pd.DataFrame, tables: Tables) -> l
 
 
 def goals(tables: Tables) -> list[Check]:
-    """Check the hexapod's failures, its recorded runs, and another controller."""
+    """Return checks of the hexapod's failures and recorded runs, and of another controller."""
     stability, [healthy], [pairs] = (
         tables["beliefs"],
         *(tables[name].itertuples() for name in ("healthy", "pairs")),
@@ -284,7 +284,7 @@ def printed_tables(tables: Tables) -> list[TableView]:
 
 
 def notes(rows: pd.DataFrame, tables: Tables) -> list[str]:
-    """Return notes on alarms in healthy runs, events not simulated, and another controller."""
+    """Return sentences on alarms in healthy runs, events not simulated, and another controller."""
     lines = []
     for row in tables["healthy"].itertuples() if "healthy" in tables else ():
         most = f"below {row.alarms_per_hour_high_95:.2g} per hour at 95 %"

@@ -1,4 +1,4 @@
-"""Inverse kinematics of any MJCF: tasks in strict levels, under limits, with failures."""
+"""Inverse kinematics of any MJCF robot: tasks in strict priority levels, limits, known failures."""
 
 from fjh.ik.ik import Ik as Ik
 from fjh.ik.limits import Limits as Limits

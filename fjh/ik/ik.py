@@ -1,4 +1,4 @@
-"""Inverse kinematics: joint velocities that achieve tasks in strict levels, under limits."""
+"""Inverse kinematics: joint velocities for tasks in strict priority levels, within limits."""
 
 import warnings
 from collections.abc import Iterable, Sequence
@@ -20,7 +20,7 @@ from sim import FRACTIONS, Array, Body, JacobianReader, Jacobians, Pin, TaskFunc
 
 
 class Ik:
-    """Solver for the velocity of a robot with several tasks in strict levels.
+    """Inverse-kinematics solver: joint velocities for several tasks in strict priority levels.
 
     Each level of tasks is achieved as far as limits, loops and the levels before it permit.
     Everything that does not depend on the pose is prepared once::
@@ -32,8 +32,8 @@ class Ik:
             ik.advance(data, ik.step(data, dt), dt, into=data)
 
     The tasks store their targets and gains, which the loop may set. Everything else is fixed at
-    construction: :meth:`with_failures` returns another object. Both share Jacobians that a step
-    overwrites, so they must be used in one thread; solutions have their own.
+    construction; after a failure, :meth:`with_failures` returns another solver. Both overwrite the
+    same Jacobians, so use them in one thread.
     """
 
     def __init__(
@@ -45,20 +45,20 @@ class Ik:
         active: bool | Iterable[str | int] = (),
         pinned: Iterable[str | Body | Pin] = (),
     ) -> None:
-        """Prepare all pose-independent data.
+        """Prepare a solver for a model, with its tasks from the highest to the lowest priority.
 
         Args:
             model: Any MuJoCo model.
-            tasks: For each level a task, or a list of tasks that are weighted against each other.
+            tasks: A task, or a list of tasks that are weighted against each other, for each level.
             limits: Limits; None is `Limits()`: the ranges that the model states.
-            active: Joints without actuator that are variables, by name or number, as for
-                :func:`sim.jacobians`: the base of a walking robot.
-            pinned: Fixed frames, as for :func:`sim.jacobians`: feet on the ground.
+            active: Unactuated joints that the solver may move, by name or number, such as the base
+                of a walking robot; True: all of them.
+            pinned: Frames fixed to the world, such as feet, as for :func:`sim.jacobians`.
 
         Raises:
-            ModelError: A name does not exist; no active joint moves a task; or as
-                :func:`sim.jacobians`.
-            ValueError: No level, an empty level, or a task twice.
+            ModelError: A name does not exist, no active joint moves a task, or
+                :func:`sim.jacobians` does not support the model.
+            ValueError: There is no level, a level is empty, or a task occurs twice.
         """
         self._model = check.instance("model", model, mujoco.MjModel)
         self._levels = Levels.of(model, tasks)
@@ -82,19 +82,20 @@ class Ik:
         free: Iterable[int | str] = (),
         locked_passive: Iterable[int | str] = (),
     ) -> "Ik":
-        """Return the solver after further failures, as :class:`prioritized.ConstrainedSystem`.
+        """Return a solver for the robot with further failures, with the same task objects.
 
-        The tasks are the same objects, with their targets.
+        `locked` and `free` are actuators, `locked_passive` joints without one, by name or number;
+        see :meth:`prioritized.ConstrainedSystem.with_failures`.
         """
         failed = copy(self)
         failed._prepare(self._system.with_failures(locked, free, locked_passive))
         return failed
 
     def step(self, data: mujoco.MjData, dt: float) -> Array:
-        """Return the velocity of all joints until the next tick, shape (nv,), as `data.qvel`.
+        """Return the joint velocities until the next tick, (nv,), in the order of `data.qvel`.
 
         Args:
-            data: State with closed loops; its frames are updated.
+            data: State with closed loops, whose frames are updated.
             dt: Time until the next tick [s].
 
         Raises:
@@ -113,7 +114,7 @@ class Ik:
         return qvel
 
     def solve(self, data: mujoco.MjData, dt: float) -> IkSolution:
-        """Return the velocity with its status and the residual of each level; see :meth:`step`."""
+        """Return the velocities of :meth:`step` with the status and residuals of all levels."""
         period_s = check.number("dt", dt, *check.SECONDS)
         jac = self._reader.at(data)
         demand = self._at(data, period_s)
@@ -123,11 +124,11 @@ class Ik:
     def advance(
         self, data: mujoco.MjData, qvel: Array, dt: float, into: mujoco.MjData | None = None
     ) -> mujoco.MjData:
-        """Return the state after this velocity with all loops closed again, as :func:`sim.advance`.
+        """Return the state after moving at `qvel` for `dt` [s], with all loops closed again.
 
-        It is a new state, or `into`, which may be `data`: that takes a tenth of the time. Locked
-        joints rest for any `qvel`. The state's `qvel` is the velocity of the motion, and its `time`
-        shows how far the motion got. Remaining errors of the targets are left to the next tick.
+        The result is written to `into`, which may be `data` and saves the time for a new state.
+        Locked joints do not move for any `qvel`. A motion that is too long is shortened: `time`
+        increases by its actual duration; see :func:`sim.advance`.
         """
         stuck = self._system.stuck
         velocity = check.array("qvel", qvel, self._model.nv).copy()
@@ -139,7 +140,7 @@ class Ik:
         return moved
 
     def _prepare(self, system: ConstrainedSystem) -> None:
-        """Store a system, and the pose-independent targets of its tasks."""
+        """Store a mechanism and the pose-independent part of its tasks' targets."""
         self._system, self._nominal_kinematics = system, (actuated := system.kinematics())
         self._hierarchy = actuated.hierarchy(self._levels_of_tasks)
         self._tick = self._hierarchy.tick(actuated)
@@ -178,7 +179,7 @@ class Ik:
     def _approaches(
         self, data: mujoco.MjData, J_T: Array, demand: Array, v: Array, period_s: float
     ) -> bool:
-        """Return True if a step reduces the errors of all tasks, to second order or in a test.
+        """Return True if a step reduces the errors of all tasks, by a bound or by a test step.
 
         Joint tasks in the null space are not counted if no loops couple it.
         """
@@ -206,7 +207,7 @@ class Ik:
         demand: tuple[VelocityLimits, Array],
         compiled: Array | None,
     ) -> IkSolution:
-        """Return the solution with its diagnostics, from compiled velocities if there are any."""
+        """Return the solution with diagnostics, from the compiled velocities if there are any."""
         limits, targets = demand[0], self._targets.of_levels(demand[1])
         problem = IkProblem(self._system, self._hierarchy, jac, limits, targets, ())
         if compiled is None:
@@ -235,11 +236,11 @@ class Ik:
     def _limited(
         self, data: mujoco.MjData, velocities: Array, limits: VelocityLimits, braked: Array | None
     ) -> tuple[Array, float]:
-        """Return joint velocities (nv,) and the fraction of the step that keeps distances.
+        """Return joint velocities (nv,) that keep distances, and the fraction of the step taken.
 
-        With accelerations it is the fraction of the way from the braking velocities `braked` to the
-        given ones; None are those without loops. Braking from there keeps all limits that can be
-        kept.
+        With acceleration limits the result is on the line from the braking velocities `braked`
+        (None: those of a mechanism without loops) to the given ones, so that braking afterwards
+        keeps all limits.
         """
         nv, distances, braking = self._model.nv, self._limits.limits.distances, limits.braking
         if braking is None:

@@ -1,4 +1,4 @@
-"""Levels of task functions as inputs of a mechanism's hierarchy."""
+"""Conversion of task functions in levels to the tasks and targets of a `Hierarchy`."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -14,13 +14,13 @@ from sim.tasks import LocatedFunction, LocatedRates
 
 
 class Levels(NamedTuple):
-    """Tasks of each level, located in a model.
+    """Tasks of each priority level, with their names resolved in a model.
 
     Attributes:
         model: The model.
         tasks: Tasks of each level.
         located: Tasks of each level with names resolved.
-        read: Tasks with rows in the task Jacobian, at least one.
+        read: Tasks, at least one, that have rows in the task Jacobian.
     """
 
     model: mujoco.MjModel
@@ -61,7 +61,7 @@ class Levels(NamedTuple):
         return cls(model, tasks, located, rows or all_tasks[:1])
 
     def levels(self, system: ConstrainedSystem) -> list[list[Task]]:
-        """Return the tasks of a mechanism's hierarchy."""
+        """Return the tasks of each level for the :class:`Hierarchy` of a mechanism."""
         first, levels = 0, []
         of_rows, of_rates = system.geometry.task_units, system.geometry.velocity_units
         for tasks, places in zip(self.tasks, self.located, strict=True):
@@ -85,7 +85,7 @@ class Levels(NamedTuple):
         return levels
 
     def targets(self, kinematics: Kinematics) -> "Targets":
-        """Return the targets of all tasks; joint tasks have targets for the remaining rates."""
+        """Return the targets of all tasks; joint tasks have targets for the remaining actuators."""
         parts, start = list[list[Part]](), 0
         for tasks, places in zip(self.tasks, self.located, strict=True):
             level = []
@@ -109,8 +109,8 @@ class Part(NamedTuple):
         task: The task, with its gain.
         located: The task located in the model.
         size: Number of components of its error.
-        rows: Their positions among those of all tasks.
-        among: Components that count; None is all.
+        rows: Positions of these components among those of all tasks.
+        among: Components of its error with a target; None: all.
         slot: Positions of the target's components, zeros for other rates included.
     """
 
@@ -149,12 +149,12 @@ class Targets(NamedTuple):
         return check.array("velocity targets from the errors of the tasks in dt", requested)
 
     def of_rows(self) -> Indices:
-        """Return the positions of each row of J_T among the targets, shape (m,)."""
+        """Return the position among the targets of each row of J_T, shape (m,)."""
         parts = [part for level in self.levels for part in level if part.among is None]
         return np.concatenate([*(np.arange(self.size)[part.slot] for part in parts), _NO_ROWS])
 
     def of_levels(self, requested: Array) -> list[Array | list[Array]]:
-        """Return targets by level as a hierarchy takes them: an array, or a list of arrays."""
+        """Return targets by level: an array, or for a level of several tasks a list of arrays."""
         by_level = [[requested[part.slot] for part in level] for level in self.levels]
         return [level if len(level) > 1 else level[0] for level in by_level]
 
@@ -163,9 +163,10 @@ _NO_ROWS = np.zeros(0, dtype=np.intp)
 
 
 def _weight(task: TaskFunction, size: int) -> Array:
-    """Return the weight of each row, shape (k,)."""
     weight = np.asarray(1.0 if task.weight is None else task.weight)
     if weight.ndim and len(weight) != size:
         label = check.short_repr(task)
-        raise ValueError(f"weight of {label} must be one number or {size}, got {len(weight)}")
+        raise ValueError(
+            f"weight of {label} must be one number or {size} numbers, got {len(weight)}"
+        )
     return np.broadcast_to(weight, (size,))

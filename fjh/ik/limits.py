@@ -1,4 +1,4 @@
-"""Limits of a robot: ranges, velocities, accelerations, distances."""
+"""Limits of a robot's motion: ranges, velocities, accelerations, distances."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -18,42 +18,42 @@ Limited = float | Mapping[str, float] | None
 """Limit of velocities: one number for all, one by joint name, or none."""
 
 _ROUND_OFF = 1e-9
-"""Relative tolerance of a position, or of a distance to a limit, at a stop."""
+"""Relative tolerance of a position, or of its distance to a limit, for a joint at a stop."""
 _BENT = 1e-6
 """Tolerance of tendon limits at the end of a step, relative to the step."""
 RETURNING = (1.0, 0.25, 0.0625, 0.0)
-"""Fractions of the specified return from beyond a limit, in order, while it is infeasible."""
+"""Fractions of the specified return rate from beyond a limit; the first feasible one is used."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of a robot's motion, which hold for all tasks.
+    """Limits of a robot's motion, which have priority over all tasks.
 
     Without accelerations, ranges, velocities and distances hold at every tick. With accelerations
     the rates are such that they hold at this tick and at every later one: each actuated joint
     satisfies :func:`prioritized.viable_rates`, and where several joints together move a limited
-    quantity (distances, tendons, balls, passive joints) all of them could brake in proportion, on a
-    straight line, from each rate that is taken. Geoms are measured along that line, beyond
-    `detection_m` if it is longer; the other quantities count to first order in it.
+    quantity (a distance, tendon, ball joint or passive joint), all of them can brake in proportion
+    from these rates, on a straight line. Distances are measured along this line, also beyond
+    `detection_m`; the other quantities count to first order.
 
     If the start is too fast for that, or limits move, accelerations have priority: all joints
     brake, and the solution lists the violated limits (:attr:`IkSolution.exceeded`). A joint beyond
     its range returns as fast as the other limits permit; geoms nearer than their margin separate by
-    a share of the missing distance in each tick (:class:`sim.Distances`). If loops and limits
-    together do not permit that rate, the return is slower, or the violation at least does not grow.
+    a fraction of the missing distance in each tick (:class:`sim.Distances`). If loops and limits do
+    not permit that rate, the return is slower, or the violation does not grow.
 
     Attributes:
-        ranges: Whether joints and tendons, actuated or not, stay within the ranges that the model
-            states; of a ball joint that is its angle. Control ranges are not positions.
-        velocity: Largest rate of a joint [rad]/[s] or [m]/[s]: one number for all, or by name of
-            joint, tendon or actuator, which stands for the joint or tendon that it drives. If there
-            are two for one joint, both hold.
-        acceleration: Largest acceleration of a joint [rad]/[s^2] or [m]/[s^2], in the same forms;
-            `data.qvel` is the previous rate. Of tendons only if an actuator drives them.
-        distances: Geoms that keep a distance, or None.
+        ranges: Whether joints (a ball joint's angle) and tendons, actuated or not, stay within the
+            ranges of the model. Control ranges do not count.
+        velocity: Largest rate of a joint [rad]/[s] or [m]/[s]: one number for all, or a mapping
+            from names of joints, tendons, or actuators (meaning what they drive). Of two limits of
+            one joint both hold.
+        acceleration: Largest acceleration of a joint [rad]/[s^2] or [m]/[s^2], in the same forms,
+            from the previous rate `data.qvel`; for tendons only if an actuator drives them.
+        distances: Pairs of geoms that keep a minimum distance; None: no pairs.
 
     Raises:
-        ValueError: A limit that is not positive.
+        ValueError: A limit is not positive.
     """
 
     ranges: bool = True
@@ -62,7 +62,6 @@ class Limits:
     distances: Distances | None = None
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         check.flag("ranges", self.ranges)
         for name in ("velocity", "acceleration"):
             value = getattr(self, name)
@@ -80,11 +79,11 @@ class Limits:
             check.instance("distances", self.distances, Distances)
 
     def of(self, model: mujoco.MjModel, jac: Jacobians) -> "LimitsOf":
-        """Return the limits by the velocity indices of a mechanism.
+        """Return the limits of each velocity of a mechanism in a model.
 
         Raises:
-            ValueError: A name that the mechanism does not have (with the nearest one), or an
-                ambiguous one; or distances of another model.
+            ValueError: A name is ambiguous or not of the mechanism (the message suggests the
+                nearest one), or the distances are of another model.
         """
         if self.distances is not None and not self.distances.fits(model):
             raise ValueError("distances must be of this model, got those of another model")
@@ -165,13 +164,13 @@ class Braking(NamedTuple):
     to rest on its way to the limit, too.
 
     Attributes:
-        first: Velocities of the next tick under braking, (N,).
+        first: Velocities of the next tick while braking, (N,).
         per_rate: Ticks that one unit of each velocity takes to stop, (N,).
         period_s: Duration of a tick [s].
         below: Largest decrease of each position, (N,).
         above: Largest increase of each position, (N,).
-        rows: Rows R (r, nv) of the other limited quantities.
-        margin: Largest decrease of these, (r,).
+        rows: Rows R (r, nv) of the limited quantities that several joints move together.
+        margin: Largest decrease of these quantities, (r,).
     """
 
     first: Array
@@ -183,18 +182,18 @@ class Braking(NamedTuple):
     margin: Array
 
     def ticks(self, velocities: Array) -> float:
-        """Return the displacement to rest of velocities held for a tick, over that of a tick."""
+        """Return the ratio of displacement until rest to that of a tick at these velocities."""
         return stopping_ticks(float((np.abs(velocities) * self.per_rate).max()))
 
     def excess(self, velocities: Array) -> Array:
-        """Return how far positions and rows exceed their limits if braking follows this tick."""
+        """Return how far positions and rows exceed limits if all joints brake after a tick."""
         shift = self.period_s * self.ticks(velocities) * velocities
         sinks = self.rows @ shift[: self.rows.shape[1]] if len(self.rows) else self.margin
         ends = np.concatenate([self.below + shift, self.above - shift, self.margin + sinks])
         return np.maximum(-ends, 0.0)
 
     def tolerance(self, velocities: Array) -> Array:
-        """Return the round-off tolerance of each excess."""
+        """Return the round-off tolerance of each entry of :meth:`excess`."""
         distances = np.concatenate([self.below, self.above, self.margin])
         size = np.where(np.isfinite(distances), np.abs(distances), 0.0)
         return _ROUND_OFF * (size + self.period_s * float(np.abs(velocities).max(initial=0.0)))
@@ -204,7 +203,7 @@ class Braking(NamedTuple):
         return bool((self.excess(velocities) <= least + self.tolerance(velocities)).all())
 
     def durations(self, velocities: Array, most: int = 8) -> Iterator[float]:
-        """Yield durations at these velocities that end on the way to rest, the last at its end."""
+        """Yield up to `most` durations of a motion, from one tick to that of the way to rest."""
         total = self.ticks(velocities)
         parts = min(most, int(np.ceil(total)))
         yield self.period_s
@@ -213,7 +212,7 @@ class Braking(NamedTuple):
 
 
 def stopping_ticks(ticks: float) -> float:
-    """Return the displacement to rest over that of a tick, for a rate held for one tick."""
+    """Return the ratio of displacement until rest to that of a tick, at a rate held for a tick."""
     stop = np.floor(ticks)
     return float(1.0 + stop - stop * (stop + 1.0) / (2.0 * ticks)) if stop else 1.0
 
@@ -223,8 +222,8 @@ class RateLimits(NamedTuple):
 
     Attributes:
         box: Lower and upper limit of each actuator's rate, (n,) each.
-        rows: R, lower and upper limit of R rates, for the remaining actuators.
-        braked: Rates (n,) and rows under braking: zero without accelerations.
+        rows: Matrix R, lower and upper limits of R rates, for the rates of the remaining actuators.
+        braked: Rates (n,) and R rates while braking; zero without acceleration limits.
         is_cut: True if a row's required rate was reduced to its largest feasible one.
     """
 
@@ -235,7 +234,7 @@ class RateLimits(NamedTuple):
 
     @property
     def excludes_braking(self) -> bool:
-        """Return True if braking violates a limit."""
+        """Return True if even braking violates a limit."""
         sides = [(*self.box, self.braked[0])]
         if len(self.rows[0]):
             sides.append((*self.rows[1:], self.braked[1]))
@@ -267,7 +266,7 @@ class VelocityLimits(NamedTuple):
         rows: R of least <= R qvel, shape (r, nv), of tendons, balls, and distances.
         least: Lower limits of the rows, (r,).
         braking: Braking of all velocities; None without coupled quantities or accelerations.
-        viable: True for velocities that can keep their own limits for ever, (N,).
+        viable: True for velocities that can satisfy their own limits at all later ticks, (N,).
         period_s: Time until the next tick [s].
     """
 
@@ -292,7 +291,7 @@ class VelocityLimits(NamedTuple):
         )
 
     def exceeded(self) -> tuple[str, ...]:
-        """Return the names of violated limits, or of velocities too fast to stop in time."""
+        """Return the names of quantities beyond their limits, or too fast to stop before them."""
         of_velocities, of_rows = self.names()
         late = ~self.viable
         if self.braking is None:
@@ -335,7 +334,7 @@ class VelocityLimits(NamedTuple):
         return RateLimits(box, (R, least, most), (first[active], braked), is_cut)
 
     def limited(self, kinematics: Kinematics) -> Array:
-        """Return True for limited velocities that no working actuator drives, unless locked."""
+        """Return True for limited velocities without working actuator or lock, shape (N,)."""
         lower, upper = self.box
         limited = (lower > -np.inf) | (upper < np.inf)
         limited[kinematics.active] = False
@@ -344,7 +343,7 @@ class VelocityLimits(NamedTuple):
 
 
 class LimitsOf(NamedTuple):
-    """Limits by the velocity indices of a mechanism.
+    """Limits of each of the N velocities of a mechanism: joints, then drives that are no joints.
 
     Attributes:
         limits: Limits as given by the user.
@@ -352,10 +351,10 @@ class LimitsOf(NamedTuple):
         positions: Positions of joints and tendons with ranges.
         velocity: Lowest and highest rate of each velocity, (N,) each.
         acceleration: Lowest and highest acceleration, (N,) each.
-        coupled: Limited tendons and balls without a velocity of their own.
+        coupled: Limited ball joints and undriven tendons, which several velocities move together.
         names: Name of each velocity.
-        extra: Drives that are no joint, whose velocities follow those of joints.
-        without: Empty rows, (0, nv), with empty lower limits, (0,).
+        extra: Drives that are no joints, such as tendons; their velocities follow those of joints.
+        without: Rows (0, nv) and lower limits (0,) of a mechanism without coupled quantities.
     """
 
     limits: Limits
@@ -428,10 +427,10 @@ class LimitsOf(NamedTuple):
     def tightened(
         self, data: mujoco.MjData, limits: VelocityLimits, velocities: Array
     ) -> VelocityLimits | None:
-        """Return limits corrected by the violations of tendon and ball ranges; None without any.
+        """Return limits tightened by the violations at the end of a step; None without violations.
 
-        The rows hold at the start of a step; tendons rotate during it. `data` is moved and
-        restored.
+        Rows of tendons and ball joints are linearized at the start of a step, but rotate during it.
+        `data` is moved and restored.
         """
         model, count, braking = self.model, len(self.coupled.names), limits.braking
         if not count:
@@ -480,7 +479,7 @@ class LimitsOf(NamedTuple):
     def _rows(
         self, data: mujoco.MjData, v: Array, span_s: float
     ) -> tuple[Array, Array, Array, Indices]:
-        """Return R of coupled quantities, their margins, gains per tick, and pairs of geoms."""
+        """Return rows R of coupled quantities, their margins, gains per tick, pairs of geoms."""
         rows, margin, pairs = self.coupled.rows(data), self.coupled.slack(data), _NO_PAIRS
         gain, distances = np.ones(len(margin)), self.limits.distances
         if distances is not None:
@@ -493,7 +492,7 @@ class LimitsOf(NamedTuple):
         return rows, margin, gain, pairs
 
     def _least_rates(self, count: int) -> Array:
-        """Return the lower limit of each row from velocity limits: those of tendons."""
+        """Return the lower limit of each row from velocity limits, which only tendons have."""
         least = np.full(count, -np.inf)
         least[: len(self.coupled.velocity)] = -self.coupled.velocity
         return least
@@ -505,18 +504,17 @@ class LimitsOf(NamedTuple):
 
 
 def _symmetric(most: Array) -> tuple[Array, Array]:
-    """Return lower and upper limits, (N,) each, that are equal in both directions."""
+    """Return lower and upper limits, (N,) each, from the largest magnitudes."""
     return _pair(np.array([-most, most]))
 
 
 def _pair(both: Array) -> tuple[Array, Array]:
-    """Return the rows of an array (2, N) as read-only vectors."""
     lower, upper = check.read_only(both)
     return lower, upper
 
 
 class Meaning(NamedTuple):
-    """Referent of a name: all velocities of a joint, or one more drive.
+    """Object that a name denotes: a joint with all its velocities, or another drive.
 
     Attributes:
         what: Kind and number; an actuator is replaced by its joint or tendon.
@@ -528,7 +526,7 @@ class Meaning(NamedTuple):
 
 
 def _meanings(model: mujoco.MjModel, jac: Jacobians) -> dict[str, list[Meaning]]:
-    """Return the referents of each name of a joint, tendon or actuator that moves something."""
+    """Return the objects that each name of a joint, tendon or actuator denotes."""
     meanings: dict[str, list[Meaning]] = {}
     for k in range(model.njnt):
         own = np.flatnonzero(model.dof_jntid == k).tolist()
@@ -568,7 +566,7 @@ def _limit_of(
             )
         if len(referents := {meaning.what for meaning in matches}) > 1:
             both = " and ".join(f"{kind} {k}" for kind, k in sorted(referents))
-            raise ValueError(f'{argument}: "{name}" stands for {both}: use another name of one')
+            raise ValueError(f'{argument}: "{name}" stands for {both}: use a unique name')
         for what, velocities in matches:
             limits[velocities] = np.minimum(limits[velocities], limit)
             if what[0] == "tendon":

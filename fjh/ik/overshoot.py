@@ -1,4 +1,4 @@
-"""Test of steps that do not reduce the error, and damping rows that make them converge."""
+"""Test whether a step reduces the task errors, and damping rows for steps that do not."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from prioritized import ConstrainedSystem, Hierarchy, Kinematics
 from sim import Array, JacobianReader
 
 MISSED = 0.5
-"""Largest fraction of the predicted error reduction, or of the target, that a step may miss."""
+"""Largest fraction of the predicted error reduction, or of the target, that may be missed."""
 NEGLIGIBLE = 1e-14
 """Error in natural units that need not be reduced."""
 _FAR = 1.0
@@ -22,12 +22,12 @@ _ZERO = 1e-6
 
 
 class StepTest(NamedTuple):
-    """State in which steps are tested.
+    """Test of steps from a state.
 
     Attributes:
         model: The robot.
         reader: Reader of its Jacobians, with loops closed or open.
-        data: The state; overwritten.
+        data: State for test steps, overwritten by each.
         targets: Targets of all tasks.
         system: The robot at any pose, with its failures.
     """
@@ -46,20 +46,20 @@ class StepTest(NamedTuple):
         target: Array,
         motion: Array,
     ) -> tuple[Array, ...]:
-        """Return further rows of each level that a motion does not improve; () if it improves all.
+        """Return damping rows of each level that a motion does not improve; () if there is none.
 
         For each level the part of the motion that its rows and those of previous levels need is
-        tested. A level that misses half of its target, such as a target out of reach, gets the
-        second derivative of its error besides the first: rows whose squares are |S|, S being the
-        error times the second derivatives of its rows, minus those of previous levels, which must
-        not move. The step is then Newton's, or a Levenberg-Marquardt damping (with the required
-        value in each direction) that vanishes with the error: the robot comes to rest at the
-        minimum. Directions without curvature are left to the following levels.
+        tested. A level that misses half of its target, for example because it is out of reach, gets
+        damping rows B with B^T B = |S|, where S is its error times the second derivatives of its
+        rows, minus those of previous levels, which must not move. The step is then a Newton step,
+        or a Levenberg-Marquardt step with the required damping in each direction, which vanishes
+        with the error: the robot comes to rest at the minimum. Directions without curvature are
+        left to the following levels.
 
         Args:
             at: State where the motion starts.
-            hierarchy: The levels there.
-            kinematics: The robot there.
+            hierarchy: Levels at this state.
+            kinematics: Kinematics at this state.
             target: Targets of all tasks until the next tick, (t,).
             motion: Displacements of all velocities, (N,).
         """
@@ -110,7 +110,7 @@ class StepTest(NamedTuple):
         return tuple(rows) if any(map(len, rows)) else ()
 
     def comes_nearer(self, at: mujoco.MjData, moved: Array, target: Array, motion: Array) -> bool:
-        """Return True if each level's error falls by at least half of the prediction.
+        """Return True if a motion reduces each level's error by at least half of the prediction.
 
         Args:
             at: State where the motion starts.
@@ -145,7 +145,6 @@ class StepTest(NamedTuple):
         self.reader.read(there)
 
     def _error(self, part: Part) -> Array:
-        """Return the error after the motion."""
         return part.located.error(self.model, self.data)
 
     def _curvature(self, at: mujoco.MjData, kinematics: Kinematics) -> Array:

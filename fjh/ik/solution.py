@@ -11,16 +11,16 @@ from sim import Array, Jacobians
 from sim.mjcf import listed
 
 _LEAST = 1e-2
-"""Damping of levels after the first with damping rows, relative to the size of their rows."""
+"""Damping relative to the rows' size, for levels below the first one with damping rows."""
 
 
 @dataclass(frozen=True, eq=False)
 class IkProblem:
-    """Inverse-kinematics problem at one state, solved with all diagnostics on demand.
+    """Inverse-kinematics problem at one state; it is solved when a property needs the solution.
 
     Attributes:
-        system: The robot at any pose.
-        hierarchy: Its tasks at any pose.
+        system: Pose-independent mechanism.
+        hierarchy: Pose-independent task levels.
         jacobians: Jacobians at this pose.
         limits: Limits of all velocities.
         targets: Targets of each level.
@@ -41,7 +41,7 @@ class IkProblem:
 
     @cached_property
     def solved(self) -> tuple[HierarchySolution, bool]:
-        """Solution, and True if everything beyond a limit returns at the specified rate."""
+        """Solution, and True if every quantity beyond its limit returns at the specified rate."""
         limits = self.limits.of_rates(self.system.active, self.kinematics)
         solution = self._within(limits)
         if not limits.excludes_braking or solution.status is not Status.INFEASIBLE:
@@ -83,13 +83,13 @@ class IkProblem:
 
 @dataclass(frozen=True, eq=False)
 class IkSolution:
-    """Joint velocities of one tick, with diagnostics.
+    """Joint velocities for one tick, with diagnostics.
 
     Attributes:
-        qvel: Velocities of all joints, shape (nv,).
-        fraction: Fraction of the velocity that keeps all distances; with accelerations, fraction of
-            the way to it from the velocities with which all joints brake.
-        is_led_back: True if everything beyond a limit returns at the rate of :class:`Limits`.
+        qvel: Velocities of all joints, shape (nv,), [rad]/[s] or [m]/[s].
+        fraction: Fraction of the step that keeps all distances; with acceleration limits, fraction
+            of the way from braking to the solved velocities.
+        is_led_back: True if every quantity beyond its limit returns at the rate of :class:`Limits`.
         problem: The problem, from which the properties are computed on demand.
     """
 
@@ -105,12 +105,12 @@ class IkSolution:
 
     @property
     def kinematics(self) -> Kinematics:
-        """The robot at this pose, which gives static forces as well."""
+        """Kinematics of the robot at this pose, for static forces as well."""
         return self.problem.kinematics
 
     @property
     def torque_limits(self) -> tuple[Array, Array]:
-        """Lower and upper force limit of each actuator that the model states, (n,) each.
+        """Lower and upper force limits of the actuators in the model, (n,) each, [N] or [N m].
 
         For `kinematics.force_mapping(torque_limits=...)`; zero for variables without an actuator.
         """
@@ -119,14 +119,14 @@ class IkSolution:
 
     @property
     def status(self) -> Status:
-        """Status of the first level, or that limits are violated."""
+        """Status of the first level, of the limits and of the loops."""
         return self.solution.status
 
     @property
     def exceeded(self) -> tuple[str, ...]:
         """Joints, tendons and pairs of geoms that violate their limits.
 
-        They are beyond the limit, or too fast to stop before it within their acceleration limits.
+        Each is beyond its limit, or too fast to stop before it within the acceleration limits.
         """
         return self.problem.limits.exceeded()
 
@@ -140,7 +140,7 @@ class IkSolution:
         return tuple(dict.fromkeys((*(names[k] for k in active), *rows)))
 
     def __str__(self) -> str:
-        """Return the status as text, with active limits and the error due to damping."""
+        """Return sentences on status, active and violated limits, and error due to damping."""
         sentences = [self.solution.describe(self.at_limits)]
         if exceeded := self.exceeded:
             sentences.append(f"Beyond a limit, or too fast to stop before it: {listed(exceeded)}.")
@@ -154,5 +154,5 @@ class IkSolution:
 
     @property
     def residuals(self) -> tuple[Array, ...]:
-        """Residual of each level: target minus achieved velocity."""
+        """Residual of each level: target minus achieved velocity, in the units of its rows."""
         return self.solution.residuals

@@ -1,5 +1,5 @@
-"""Live simulation of a machine in the browser, with buttons for failures (docs/track.md).
+"""Live simulation of a robot in the browser, with buttons for failures (docs/track.md).
 
-`page` has the server and the clock, `stage` the machines in 3D, `panel` the buttons, and `save`
-the recording of the last minute. Clicks are carried out by a session of the rig.
+`page` has the server and the clock, `stage` the machines in 3D, `panel` the buttons, `session` the
+simulation and the actions of buttons, and `save` the recording of the last minute.
 """

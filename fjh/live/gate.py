@@ -1,9 +1,10 @@
-"""Access control of the page: accepted connections, and accepted messages of a browser.
+"""Access control of the live page: checks of connections and of browsers' messages.
 
-A browser lets any page open a WebSocket to this machine. It states that page in `Origin`, and in
-`Host` the requested address, which can be a foreign name for 127.0.0.1 (DNS rebinding). Both must
-be those of the page that is served here. viser 1.1 has no hook for either and trusts every message.
-Therefore its `websockets` server gets a connection class that checks handshake and messages first.
+In a browser any page can open a WebSocket to this computer. The browser states that page in
+`Origin`, and in `Host` the requested address, which can be a foreign name for 127.0.0.1 (DNS
+rebinding). Both must be those of the page that is served here. viser 1.1 checks neither, nor
+messages. Therefore its `websockets` server gets a connection class that checks handshake and
+messages first.
 """
 
 import logging
@@ -22,10 +23,10 @@ NOW = "● "
 """Prefix of the button of an actuator's present state."""
 _LARGEST_MESSAGE = 1 << 16
 _FARTHEST = 1e9
-"""Largest coordinate of a camera."""
+"""Largest accepted coordinate of a camera."""
 
 _LOGGER = logging.getLogger(__name__)
-"""Logger without output for errors of connections, which are not relevant in the terminal."""
+"""Logger for errors of connections, without output in the terminal."""
 _LOGGER.addHandler(logging.NullHandler())
 _LOGGER.propagate = False
 
@@ -72,7 +73,7 @@ def guarded(server: viser.ViserServer, started: list[bool]) -> Callable[..., Any
 
 
 def is_same_origin(headers: Headers, port: int) -> bool:
-    """Return whether a request is for the page at a port, and a WebSocket request from it."""
+    """Return whether a request is for the page at a port; if for a WebSocket, also from it."""
     end = "" if port == 80 else f":{port}"
     hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
     if hosts not in ([f"127.0.0.1{end}"], [f"localhost{end}"]):
@@ -99,10 +100,10 @@ class _Connection(ServerConnection):
 
 
 def sane(server: viser.ViserServer, raw: Any) -> bytes | None:
-    """Return a message of a browser, checked for viser; None: it is not valid.
+    """Return a browser's message, checked and limited, for viser; None if it is invalid.
 
-    A value must be of the kind of an existing element: a number, clamped to the range of its
-    slider; a label of a choice; or a Boolean. A camera must have finite coordinates and a view.
+    A value must fit an existing element: a number (clamped to the slider's range), a label of a
+    choice, or a Boolean. A camera must have finite coordinates and a view.
 
     Raises:
         msgspec.MsgspecError: The message is of another kind, or malformed.

@@ -25,13 +25,13 @@ class LiveRun:
         controller: Controller, from :meth:`.Rig.supervisor` or :meth:`.Rig.controller`.
         state: State of the controller.
         tick: Number of simulated ticks.
-        desired: Desired displacements of all ticks, (N, m1), [rad] or [m].
+        desired: Desired displacements of the major rows at all ticks, (N, m1), [rad] or [m].
         changes: Time [s], actuator number and new kind of each change.
         events: Other events.
     """
 
     def __init__(self, rig: Rig, controller: Any, ticks: int, seed: int) -> None:
-        """Start a run of at most `ticks` ticks at rest.
+        """Prepare a run of at most `ticks` ticks that starts at rest.
 
         The seed determines all noise and the random parameters of events.
         """
@@ -52,11 +52,11 @@ class LiveRun:
 
     @property
     def ticks_left(self) -> int:
-        """Number of ticks until the longest duration."""
+        """Number of ticks that can still be simulated."""
         return len(self._time_s) - self.tick
 
     def step(self, reference: Array, demand: Array | None) -> None:
-        """Simulate one tick.
+        """Simulate one tick with desired displacements (m1,) and feedforward demands (m1,) or None.
 
         Raises:
             sim.SimulationDiverged: The state of the physics is not finite.
@@ -73,7 +73,7 @@ class LiveRun:
         """Let a healthy actuator fail, or repair it, from the next tick on.
 
         Raises:
-            sim.ModelError: The failure is a lock, and the model has none for this actuator.
+            sim.ModelError: The actuator is to lock, but the model has no lock for it.
         """
         if kind == HEALTHY:
             self._bench.plant.repair(actuator)
@@ -96,44 +96,44 @@ class LiveRun:
             self._hooks.end(effect)
 
     def switch_controller(self, controller: Any, state: Any = None) -> None:
-        """Continue with another controller in a state; None: transferred from the present state."""
+        """Continue with another controller in a state; None: the present state, transferred."""
         self.state = controller.transfer(self.state) if state is None else state
         self.controller = controller
         self._since = self.tick - getattr(self.state, "ticks", 0)
 
     @property
     def diagnosis_text(self) -> str:
-        """Sentence on the controller's present diagnosis and its reason."""
+        """Sentence on the present diagnosis and its reason."""
         state = self.state
         if not isinstance(state, SupervisorState):
-            return "No diagnosis: the controller continues with its present information."
+            return "No diagnosis: the controller continues with the failures known so far."
         if state.is_learning and not state.monitor_state.relearns:
-            return f"Learning the healthy machine in the first {LEARNING_S:g} s."
+            return f"The diagnosis is calibrated in the first {LEARNING_S:g} s, without failures."
         text = state.status
         if state.sensors.failed:
             text = f"{text[:-1]}; {state.sensors.sentence(self.rig.period_s)}."
         return text
 
     def error(self, ticks: slice) -> Array:
-        """Return the error, desired minus true, of a slice of past ticks, [rad] or [m], (T, m1)."""
+        """Return desired minus true displacements (T, m1) in a slice of ticks, [rad] or [m]."""
         return self.desired[ticks] - self.motion(ticks)[2]
 
     @property
     def frame(self) -> tuple[Array, Array]:
-        """Task frame in the world: origin (3,) [m] at rest, and axes (3, 3) of its rows."""
+        """Task frame in the world at the start: origin (3,) [m], axes (3, 3) of the task rows."""
         return self._bench.plant.origin_m, self._bench.plant.axes
 
     def motion(self, ticks: slice) -> tuple[Array, Array, Array]:
-        """Return displacements (T, 6), qpos (T, nq), true rows (T, m1) of a slice of past ticks."""
+        """Return task displacements (T, 6), qpos (T, nq), true rows (T, m1) in a slice of ticks."""
         bench = self._bench
         assert bench.qpos is not None  # a rig logs them
         pose = Pose(bench.rotation[ticks], bench.translation_m[ticks])
         return pose.displacement(), bench.qpos[ticks], self.rig.reached(pose)
 
     def logged_run(self, first: int) -> Run:
-        """Return the run from a tick on, with earlier failures that still exist.
+        """Return the run from a tick on; earlier failures that still exist start at that tick.
 
-        Poses estimated by the controller are not logged, at some kilobytes each.
+        Estimated poses are not logged, which would take kilobytes each.
         """
         looped = LoopRun(self._measured, self._inputs, self.state)
         start_s, ticks = first * self.rig.period_s, slice(first, self.tick)

@@ -1,4 +1,4 @@
-"""Page of the live simulation: server on the loopback interface, and clock of the machines."""
+"""Page of the live simulation: server on the loopback interface, and real-time clock."""
 
 import io
 import time
@@ -25,18 +25,18 @@ from sim import ModelError, SimulationDiverged
 HOST = "127.0.0.1"
 PORT = 8080
 _TEXT_EVERY = 5
-"""Frames between updates of the text, which cannot be read faster."""
+"""Number of frames between updates of the text."""
 _BEHIND_S = 0.1
-"""Largest delay behind real time [s] that is caught up; longer ones are skipped."""
+"""Largest delay behind real time [s] that the simulation catches up; a longer one is skipped."""
 _AT_ONCE = 5
-"""Ticks simulated between checks for clicks."""
+"""Number of ticks between checks for clicks."""
 
 
 class LocalServer(viser.ViserServer):
-    """Server for browsers on this machine and its own page only, without output or tunnel."""
+    """Server that accepts only its own page in browsers on this computer, without a tunnel."""
 
     def __init__(self, port: int | None) -> None:
-        """Listen on the loopback interface; None: at `PORT`, or the next free port.
+        """Listen on a port of the loopback interface; None: `PORT` or the next free one.
 
         Raises:
             WrongInput: The port is in use.
@@ -54,7 +54,9 @@ class LocalServer(viser.ViserServer):
             raise WrongInput(f"viser {version} is not supported: pip install viser==1.1.1")
         if port not in (None, self.get_port()):
             self.stop()
-            raise WrongInput(f"--port {port}: another program listens there; leave --port out")
+            raise WrongInput(
+                f"--port {port} is used by another program: choose another, or omit --port"
+            )
 
     def stop(self) -> None:
         """Stop the server without output."""
@@ -67,14 +69,14 @@ class LocalServer(viser.ViserServer):
 
 
 class Page:
-    """Page of two machines in real time, with their buttons.
+    """Page with two simulated machines in real time, and buttons.
 
     Attributes:
         session: Session of the machines.
     """
 
     def __init__(self, server: viser.ViserServer, rig: Rig, folder: Path, seed: int) -> None:
-        """Make the elements of the page; recordings of the last minute go to the folder."""
+        """Make the elements of the page; its recordings of the last minute go to the folder."""
         self.session, self._folder = Session(rig, seed), folder
         self._clicks = SimpleQueue[Callable[[], object]]()
         self._stage = Stage(server, self.session)
@@ -114,14 +116,13 @@ class Page:
 
     def _replace(self, why: str) -> int:
         self.session.restart()
-        self._panel.reset(f"{why}: these are new machines, healthy and at rest.")
+        self._panel.reset(f"{why}: the page shows new machines, healthy and at rest.")
         return self.session.tick
 
     def _do(self, action: Callable[..., object], *arguments: Any) -> None:
         self._clicks.put(partial(action, *arguments))
 
     def _click(self) -> None:
-        """Carry out the clicks since the last call."""
         while not self._clicks.empty():
             try:
                 self._clicks.get()()

@@ -1,4 +1,4 @@
-"""Panel of the page: buttons, and text on the machines."""
+"""Panel of the live page: buttons, and text on the machines."""
 
 from collections import deque
 from collections.abc import Callable
@@ -19,26 +19,26 @@ from fjh.rig.units import norms_text
 from sim import Array
 
 _KINDS: dict[str, Kind] = {"healthy": HEALTHY, "lock": "locked", "free": "free", "weak": "weak"}
-LASTING = {"hum": "Hum", "stuck": "Stuck sensor", "sag": "Sagging supply"}
+LASTING = {"hum": "Hum", "stuck": "Stuck sensor", "sag": "Low supply voltage"}
 _PLOTTED = 250
 """Number of frames in the plot of errors."""
 _WEIGHTS = 0.1, 10.0
 _TEXT = "padding:0 1em;font-size:0.875em;height:15em;overflow-y:auto"
-"""Style of the text; its height is fixed, so that buttons do not move."""
+"""Style of the text, with a fixed height so that buttons do not move."""
 
 
 class Panel:
     """Panel next to the machines, with plot, text and buttons.
 
     Attributes:
-        message: Effect of the last click, or why it had none.
+        message: Text on the effect of the last click.
     """
 
     def __init__(
         self, server: viser.ViserServer, session: Session, stage: Stage,
         do: Callable[..., None], save: Callable[[], None],
     ) -> None:  # fmt: skip
-        """Make all elements; `do` carries out clicks between ticks, `save` writes a recording."""
+        """Make all elements; `do` executes a click between ticks, `save` writes a recording."""
         self._session, self._do, gui = session, do, server.gui
         self._html = gui.add_html("")
         lines = [Series(label=n, stroke=c, width=2) for n, c in zip(NAMES, COLORS, strict=True)]
@@ -49,7 +49,7 @@ class Panel:
         )  # fmt: skip
         self._add_failures(gui)
         self._add_control(gui)
-        view = gui.add_slider("motion times", 1, 10 * stage.factor, 1, stage.factor)
+        view = gui.add_slider("Magnification", 1, 10 * stage.factor, 1, stage.factor)
         view.on_update(lambda _: setattr(stage, "factor", view.value))
         gui.add_button("Save the last minute").on_click(lambda _: do(save))
         gui.add_button("New machines").on_click(lambda _: do(self._restart))
@@ -58,14 +58,14 @@ class Panel:
     def _add_failures(self, gui: viser.GuiApi) -> None:
         session = self._session
         self._groups = list[viser.GuiButtonGroupHandle]()
-        with gui.add_folder("Break an actuator"):
+        with gui.add_folder("Failures of actuators"):
             for k, name in enumerate(session.rig.actuators):
                 group = gui.add_button_group(name, list(_KINDS))
                 self._groups.append(group)
                 group.on_click(
                     lambda event, k=k: self._do(session.make, k, _KINDS[event.target.value])
                 )
-        with gui.add_folder("Disturb"):
+        with gui.add_folder("Disturbances"):
             bump = gui.add_button("Bump", hint=EVENTS["bump"].sentence)
             bump.on_click(lambda _: self._do(self._bump))
             self._lasting = {}
@@ -98,10 +98,10 @@ class Panel:
 
     def _restart(self) -> None:
         self._session.restart()
-        self.reset("Healthy machines, at rest.")
+        self.reset("New machines, healthy and at rest.")
 
     def reset(self, message: str) -> None:
-        """Clear plot and disturbances for new machines, and set the message."""
+        """Clear plot and disturbances after a restart, and set the message."""
         self.message = message
         self._times = deque[float](maxlen=_PLOTTED)
         self._errors = [deque[float](maxlen=_PLOTTED) for _ in NAMES]

@@ -16,7 +16,7 @@ from fjh.study.provenance import version_properties, versions
 
 
 def save_recording(folder: Path, session: Session) -> str:
-    """Write the last minute as the next recording in a folder; return a sentence with its file.
+    """Write the last minute as a new recording in a folder; return a sentence with its name.
 
     Raises:
         OutputError: The folder cannot be written; the message states the reason.

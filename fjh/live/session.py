@@ -1,4 +1,4 @@
-"""Session of two machines, one supervised and one not, with the actions of a user."""
+"""Simulation of two machines, one with diagnosis and one without, and actions of the user."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -14,33 +14,33 @@ from fjh.rig.run import HEALTHY
 from ftc import Supervisor, SupervisorState
 
 LONGEST_S = 300.0
-"""Longest run [s]; then the machines are replaced. The log of two hexapods has 0.4 GB."""
+"""Longest run [s], after which new machines start: the log of two hexapods then has 0.4 GB."""
 SAVED_S = 60.0
 """Duration of a saved recording [s]."""
 
 
 class Session:
-    """A supervised machine, and one whose controller ignores failures.
+    """Simulation of two equal machines: the first has a supervisor, the second no diagnosis.
 
     Attributes:
         rig: The robot.
-        runs: Runs of both machines, supervised first.
+        runs: Runs of both machines.
         reference: Reference path of both.
         goal: Goal of both.
         states: States of the actuators.
-        going_on: Active events that do not end by themselves.
-        diagnoses: Whether the first machine is supervised at present.
+        going_on: Names of active events that do not end by themselves.
+        diagnoses: Whether the diagnosis of the first machine is on.
     """
 
     def __init__(self, rig: Rig, seed: int = 0) -> None:
-        """Start with healthy machines on the first of `PATHS`; the seed determines all noise."""
+        """Start healthy machines on the first of `PATHS`; the seed determines random numbers."""
         self.rig, self._seed, self.goal = rig, seed, rig.goal
         self._supervisor, self.diagnoses = rig.supervisor(), True
         self._learned: Supervisor | None = None
         self.restart(PATHS[0])
 
     def restart(self, path: str | None = None) -> None:
-        """Replace the machines by healthy ones after one tick; path None: the present one."""
+        """Replace the machines by healthy ones on a path; None: the present path."""
         rig, ticks = self.rig, round(LONGEST_S / self.rig.period_s)
         first = self._supervisor if self.diagnoses else self._fault_unaware
         self.runs = [LiveRun(rig, one, ticks, self._seed) for one in (first, self._fault_unaware)]
@@ -75,7 +75,7 @@ class Session:
         """Repair an actuator, or let it fail.
 
         Raises:
-            sim.ModelError: The model has no lock for the actuator, which then is healthy.
+            sim.ModelError: The model has no lock for the actuator, which stays healthy.
         """
         if self.states[actuator] == kind:
             return
@@ -88,7 +88,7 @@ class Session:
                 self.states[actuator] = step
 
     def disturb(self, name: str, on: bool | None = None) -> None:
-        """Start or end an event; None: an event that ends by itself, such as a bump."""
+        """Start (True) or end (False) an event; None starts one that ends by itself."""
         if on == (name in self.going_on):
             return
         self._learn()
@@ -112,7 +112,7 @@ class Session:
         self.runs[1].switch_controller(self._fault_unaware)
 
     def diagnose(self, on: bool) -> None:
-        """Switch the diagnosis on, or off with its present results."""
+        """Switch the diagnosis on or off; its present result remains in the controller."""
         self._learn()
         self.diagnoses, first = on, self.runs[0]
         if on:
@@ -122,13 +122,13 @@ class Session:
 
     @property
     def _supervised(self) -> Supervisor:
-        """Supervisor calibrated with the healthy machine, if that was possible before a failure."""
+        """Supervisor, with the calibration from the healthy machine if there is one."""
         if self._learned is None:
             return self._supervisor
         return replace(self._supervisor, monitor=self._learned.monitor)
 
     def _learn(self) -> None:
-        """Save the calibration from the time before the first failure or event."""
+        """Keep the calibration of the diagnosis if neither a failure nor an event has occurred."""
         state = self.runs[0].state
         if self._learned is None and isinstance(state, SupervisorState):
             with suppress(ValueError):  # too short, or there was a failure

@@ -1,4 +1,4 @@
-"""Scene in a browser: machines side by side, with magnified motion and coloured failures."""
+"""Scene in a browser: machines side by side, with magnified motion and failures in colour."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -23,9 +23,9 @@ from sim import Array
 NAMES = ("supervised", "not supervised")
 COLORS = (BLUE, VERMILION)
 _SPACING, _DISTANCE, _HIGHER, _POINTER = 1.2, 1.75, 0.1, 0.6
-"""Spacing, distance and height of the eye, and length of the pointer, in machine extents."""
+"""Spacing of machines, distance and height of the eye, length of the pointer, in extents."""
 _TURN_RAD, _SHIFT = 0.2, 0.06
-"""Radius of a magnified path: in [rad], or in extents of the machine."""
+"""Radius of a magnified path: [rad], or extents of the machine."""
 _DOWN = -0.95, -0.5
 _TRAIL = 100
 _GREY = "#777777"
@@ -38,11 +38,11 @@ class Stage:
     """Scene of both machines of a session, each with its path.
 
     Attributes:
-        factor: Factor of magnification of all motion.
+        factor: Magnification factor of all motion.
     """
 
     def __init__(self, server: viser.ViserServer, session: Session) -> None:
-        """Draw them at rest, next to each other for the viewing direction of the MJCF."""
+        """Draw both machines at rest, next to each other in the viewing direction of the MJCF."""
         self._session, rig, run = session, session.rig, session.runs[0]
         model, extent = rig.model, float(rig.model.stat.extent)
         visible = _TURN_RAD if "rad" in rig.row_units else _SHIFT * extent
@@ -90,10 +90,10 @@ def _from_above(ahead: Array) -> Array:
 
 
 class Pointer:
-    """A point of the task frame that visualizes its major rows: a direction or a position."""
+    """Point that visualizes the major rows: the tip of a pointer, or the task frame's origin."""
 
     def __init__(self, rig: Rig, origin: Array, axes: Array) -> None:
-        """Use a rig's task frame, with origin (3,) [m] and axes (3, 3) of its rows in the world."""
+        """Take the task frame in the world: origin (3,) [m] and axes (3, 3) of the task rows."""
         turned = [row for row in rig.major if row < 3]
         self._rows, self._origin, self._axes = list(rig.major), origin, axes
         self._lever = np.zeros(3)
@@ -116,7 +116,7 @@ class Actor:
     def __init__(
         self, scene: viser.SceneApi, rig: Rig, name: str, place: Array, color: str
     ) -> None:
-        """Draw the machine at a position, below its name, with a trail of a colour."""
+        """Draw the machine below its name at a position (3,), with a trail in this colour."""
         model, root = rig.model, "/" + name.replace(" ", "_")
         self._place, red = place, np.array(rgb(FAILED))
         self._frames = dict[int, viser.FrameHandle]()
@@ -160,7 +160,7 @@ class Actor:
             handle.points = ends.astype(np.float32)
 
     def color(self, states: Sequence[str]) -> None:
-        """Colour the bodies of failed actuators."""
+        """Colour the bodies of failed actuators, by the states of all actuators."""
         bad = {b for bodies, state in zip(self._bodies, states, strict=True) if state != HEALTHY
                for b in bodies}  # fmt: skip
         for body in self._failed:

@@ -1,6 +1,6 @@
-"""Rerun recordings of any mechanism, written after a run, with a layout of views.
+"""Rerun recordings of runs of any mechanism, with a layout of views.
 
-The `.rrd` is for viewing; the `.npz` of the same name has all data.
+A recording (`.rrd`) is for viewing; the `.npz` file of the same name has all data.
 """
 
 from typing import Any

@@ -1,4 +1,4 @@
-"""Animations of one run, or of two side by side, as a GIF."""
+"""GIF animations of one run, or of two side by side."""
 
 import tempfile
 from pathlib import Path
@@ -21,7 +21,7 @@ _COLUMN_PX, _COLORS = (400, 660), 128  # size of a run's column, and number of c
 def write_animation(
     path: Path, files: list[Path], model: Path | None, on_progress: OnProgress
 ) -> None:
-    """Write a GIF of runs that repeats without end."""
+    """Write a GIF of the runs in some `.npz` files, which repeats without end."""
     runs, pictures = find_runs(files, model), list[Image.Image]()
     views = {name: one.view for name, one in runs.items()}
     size = _COLUMN_PX[0] * len(runs), _COLUMN_PX[1]

@@ -1,4 +1,4 @@
-"""Common parts of Rerun recordings: file, time, lines, and a screen that has only views."""
+"""Parts of every Rerun recording: file, time, lines, and a screen with only views."""
 
 import hashlib
 import json
@@ -46,11 +46,11 @@ class RecordingInfo:
 def recording_file(
     path: Path, about: RecordingInfo, blueprint: rrb.Blueprint
 ) -> Iterator[rr.RecordingStream]:
-    """Open a recording for logging; on leaving, write it with its views, properties and notes.
+    """Open a recording for logging; at the end of the block write it with views, properties, notes.
 
     Raises:
         OSError: The file cannot be written or read back.
-        Exception: Any error of Rerun's writer in strict mode, here or in the block.
+        Exception: Rerun's writer failed, or the block raised an error.
     """
     rr.set_strict_mode(True)
     # The viewer has one layout for all recordings of an application: each recording is its own.
@@ -121,9 +121,9 @@ def log_series(
     color: str | None = None,
     width: float | None = None,
 ) -> None:
-    """Log one line for each column of `values`, as float64; units are in the names.
+    """Log each column of `values` (N, k) as a line, in float64; units are in the names.
 
-    With a colour given, points are not aggregated, so that gaps remain visible.
+    If a colour is given, points are not aggregated, so that gaps remain visible.
     """
     aggregation = None if color is None else rr.components.AggregationPolicy.Off
     colors = LINES if color is None else [color]

@@ -1,4 +1,4 @@
-"""Layout of recordings: one run, a few side by side, many, or conditions of a machine.
+"""Layout of recordings: one run, a few side by side, many on pages, or conditions of a machine.
 
 Sizes are for a window of 1600 x 900 pixels.
 """
@@ -21,7 +21,7 @@ _PANELS = 4
 """Largest number of panels in the column of a run; more would be too low for their ticks."""
 _HEIGHT = 880.0
 _SIGNALS = 0.7
-"""Share of the signals in the width."""
+"""Fraction of the width that the signals have."""
 _NAMES, _FEW_NAMES = 8, 4
 """Largest number of names in the legend of a wide and of a narrow plot."""
 
@@ -29,14 +29,14 @@ _NAMES, _FEW_NAMES = 8, 4
 def write_scenes(
     path: Path, about: RecordingInfo, scenes: Mapping[str, Scene], *, pages: bool = True
 ) -> None:
-    """Write scenes by name as one `.rrd` file; use `pages=False` for conditions of a machine."""
+    """Write named scenes as one `.rrd` file, many on pages, or (as for conditions) in rows."""
     single = next(iter(scenes.values())) if pages and len(scenes) == 1 else None
     views = _side_by_side(scenes, pages) if single is None else _single(single)
     _write(path, about, scenes, views, single is None)
 
 
 def write_film(path: Path, about: RecordingInfo, scenes: Mapping[str, Scene]) -> None:
-    """Write scenes for small pictures: one column of machine, plane and error for each."""
+    """Write named scenes for small pictures, each as one column: machine, plane and error."""
     columns = []
     for number, (name, scene) in enumerate(scenes.items()):
         under = entity_of(number)
@@ -60,7 +60,7 @@ def _write(
 
 
 def entity_of(number: int) -> str:
-    """Return the entity of the scene of this number in a recording of several."""
+    """Return the entity of the scene with this number in a recording of several scenes."""
     return f"run_{number}/"
 
 
@@ -87,7 +87,7 @@ def _single(scene: Scene) -> rrb.Container:
 def _side_by_side(scenes: Mapping[str, Scene], pages: bool) -> rrb.Container:
     """Return up to three scenes next to the notes; more on pages, with machines on their own page.
 
-    Without `pages`, up to four are in one row and more in rows of three: conditions have few plots.
+    Without `pages`, up to four scenes are in one row, and more in rows of three.
     """
     if len(scenes) > FEW and pages:
         return _pages(scenes)
@@ -113,7 +113,7 @@ def _side_by_side(scenes: Mapping[str, Scene], pages: bool) -> rrb.Container:
 
 
 def _pages(scenes: Mapping[str, Scene]) -> rrb.Container:
-    """Return pages of the plots of up to `MANY` scenes, a page of machines, and one of texts."""
+    """Return pages with plots of up to `MANY` scenes each, a page of machines, one of texts."""
     columns, machines = list[rrb.Container](), list[rrb.View]()
     for number, (name, scene) in enumerate(scenes.items()):
         under, top = entity_of(number), list[rrb.View]()

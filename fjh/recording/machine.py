@@ -1,4 +1,4 @@
-"""View of a machine in 3D from its MJCF, with moving bodies and coloured failures."""
+"""View of a machine in 3D from its MJCF, with moving bodies and failed actuators in colour."""
 
 import copy
 from collections.abc import Mapping, Sequence
@@ -20,9 +20,9 @@ from fjh.study.palette import FAILED, VERMILION
 
 _PICTURES_HZ = 25
 _DISTANCE = 1.6
-"""Distance of the eye in extents of the machine, so that all of it and its labels are visible."""
+"""Distance of the eye in extents of the machine, at which machine and labels are visible."""
 _ASIDE, _ABOVE, _BELOW = 0.3, 0.55, 0.09
-"""Positions of labels from the centre, and their spacing, in extents of the machine."""
+"""Position of labels beside and above the centre, and their spacing, in extents of the machine."""
 _LABEL = [240] * 3
 
 FIXTURES: Mapping[str, rr.AsComponents] = {
@@ -36,14 +36,14 @@ FIXTURES: Mapping[str, rr.AsComponents] = {
         [[[0, 0, 0.17], [0, 0, 0.55]]], colors=[rgb(VERMILION)], radii=[0.002]
     )
 }
-"""Numbers of struts and the beam on the hexapod's bodies, by entities below them."""
+"""Strut numbers and the pointing axis on bodies of the hexapod, by entities below the bodies."""
 
 Failing = tuple[Sequence[str], Sequence[tuple[float, str]]]
-"""Bodies of a failed actuator, and its labels, each from a time [s] on, the first at onset."""
+"""Bodies of a failed actuator, and its labels, each with the time [s] from which it is shown."""
 
 
 def stills(time_s: Array) -> slice:
-    """Return the slice of evenly spaced samples that are logged in 3D."""
+    """Return the slice of samples that are logged in 3D, evenly spaced."""
     return at_most(_PICTURES_HZ, time_s)
 
 
@@ -55,10 +55,10 @@ def load_colors(load: Array, full_load: float) -> Array:
 
 @dataclass(frozen=True)
 class Picture:
-    """A machine in 3D over time.
+    """Motion of a machine in 3D over time, with failures.
 
     Attributes:
-        model: Model with all geoms.
+        model: Model with all geoms to draw.
         time_s: Times (T,).
         motion: Magnified motion of its bodies.
         factor: Factor of the magnification.
@@ -85,7 +85,7 @@ class Picture:
 
 
 def log_machine(recording: rr.RecordingStream, entity: str, picture: Picture) -> None:
-    """Log the geoms of an MJCF below an entity, their motion, and failed bodies."""
+    """Log the geoms of a machine below an entity, with their motion and the marks of failures."""
     motion, time_s, start_s = picture.motion, picture.time_s, float(picture.time_s[0])
     logger = MJCFLogger(_without_collisions(picture.model), entity_path_prefix=entity)
     recording.set_time(TIMELINE, duration=start_s)
@@ -117,7 +117,7 @@ def log_machine(recording: rr.RecordingStream, entity: str, picture: Picture) ->
 
 
 def _without_collisions(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Return the model without collisions, whose geoms the loader would omit or duplicate."""
+    """Return the model without collisions: the loader omits or duplicates collision geoms."""
     copied = copy.copy(model)
     copied.geom_contype[:] = copied.geom_conaffinity[:] = 0
     return copied
@@ -147,7 +147,7 @@ def _log_colors(
 
 
 def _log_label(recording: rr.RecordingStream, path: str, picture: Picture, row: int) -> None:
-    """Log the labels of a failure next to the machine, and a line from there to its bodies."""
+    """Log the labels of a failure next to the machine, with a line to the failed bodies."""
     (bodies, labels), model = picture.failing[row], picture.model
     since = picture.time_s >= labels[0][0] - 1e-9
     if not since.any():

@@ -28,7 +28,7 @@ class Motion:
 
 
 Mover = Callable[[Array, Array, float], Motion]
-"""Function of task displacements (T, 6), joint positions (T, nq) and a factor: magnified motion."""
+"""Function from task displacements (T, 6), joint positions (T, nq) and a factor to a motion."""
 
 
 def motion_of(model: mujoco.MjModel, qpos: Array) -> Motion:
@@ -70,9 +70,9 @@ def magnification(angles_rad: Array, distances_m: Array) -> int:
 
 
 def mover(model: mujoco.MjModel, is_hexapod: bool, start: Array) -> Mover:
-    """Return the function that magnifies motion of a robot with start at joint positions (nq,).
+    """Return a function that magnifies a robot's motion about its start, positions (nq,).
 
-    It uses the payload's displacements for the hexapod, and the joints for other robots.
+    The function uses payload displacements for the hexapod, joint positions for other robots.
     """
     if is_hexapod:
         moved = hexapod_mover(model)
@@ -82,7 +82,7 @@ def mover(model: mujoco.MjModel, is_hexapod: bool, start: Array) -> Mover:
 
 
 def hexapod_mover(model: mujoco.MjModel) -> Callable[[Pose], Motion]:
-    """Return a function of payload poses (T,) for the motion of all bodies of the hexapod.
+    """Return a function from payload poses (T,) to the motion of all bodies of the hexapod.
 
     Struts point at their top nodes, so that loops are closed for any magnification.
     """

@@ -17,7 +17,7 @@ _UP = np.array([1, -1])
 MARGIN = 1.3
 """Side of the square relative to the extent of the curves, with space for the label."""
 _LABEL, _ARM = 0.93, 1.1
-"""Position of the label in half sides of the square; half side over the longest cross arm."""
+"""Position of the label in half sides of the square; half side divided by the largest cross arm."""
 _WHITE, _GREY = [240, 240, 240], [120, 120, 120]
 
 
@@ -47,7 +47,7 @@ class Plane:
 
     @property
     def square(self) -> tuple[Array, float]:
-        """Centre (2,) and half the side of the visible square."""
+        """Centre (2,) and half the side of the visible square, in the rows' unit."""
         low, high = self.enclosed.min(axis=0), self.enclosed.max(axis=0)
         half, center = self.margin * float((high - low).max()) / 2, (low + high) / 2
         # A spiral is nearly centred: round its centre to zero.
@@ -55,7 +55,7 @@ class Plane:
 
 
 def log_plane(recording: rr.RecordingStream, entity: str, time_s: Array, plane: Plane) -> None:
-    """Log both curves at times (N,) by segments, so that a view can end at the current time."""
+    """Log both curves at times (N,) in segments, for a view that ends at the current time."""
     every, (_, half) = at_most(_RATE_HZ, time_s), plane.square
     _log_scale(recording, entity, plane)
     start = rr.Points2D([plane.desired[0] * _UP], colors=[_WHITE], radii=[half / 80])
@@ -72,7 +72,7 @@ def log_plane(recording: rr.RecordingStream, entity: str, time_s: Array, plane: 
 
 
 def _log_scale(recording: rr.RecordingStream, entity: str, plane: Plane) -> None:
-    """Log a cross with arms of a round length and its label, because the view has no scale."""
+    """Log a labelled cross with arms of a round length as a scale, which the view lacks."""
     center, half = plane.square
     arm, middle = round_down(half / _ARM), center * _UP
     ends = middle + arm * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])

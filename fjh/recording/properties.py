@@ -1,4 +1,4 @@
-"""Properties of a recording and of its run, for searches in many recordings."""
+"""Properties of a recording and its run, by which recordings can be searched."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ GROUPS = ("run", "results")
 
 
 def properties_of(path: Path) -> dict[str, Any]:
-    """Return all properties of a recording by name, each one value or a list of several.
+    """Return all properties of a recording by name; each is a value or a list of values.
 
     Raises:
         WrongInput: The file is no complete recording.
@@ -53,5 +53,5 @@ def constants(properties: Mapping[str, Any]) -> list[str]:
 
 
 def checked(checks: Sequence[Check]) -> str:
-    """Return the sentence on the first failed check, or "passed"."""
+    """Return the text of the first failed check, or "passed"."""
     return next((str(check) for check in checks if not check.passed), "passed")

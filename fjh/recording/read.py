@@ -28,21 +28,21 @@ from sim import MODELS, load_model
 from sim.mjcf import model_sha256
 
 LARGEST = 1e6
-"""Largest valid value in [s], [rad], [m] or [%], far above those of any machine."""
+"""Largest valid value in [s], [rad], [m] or [%], far above those of a machine."""
 _UNEVEN = 1e-6
 _OF_ANY = ("time_s", "desired", "true", "qpos")
-"""Arrays that identify a run of any robot; the studies of the hexapod write others."""
+"""Names of arrays that identify a run of any robot; studies of the hexapod use other names."""
 _TRUE = ("/task/true", f"/{entity_of(0)}task/true")
-"""Entities of the true displacements of the single or first run of a recording."""
+"""Entities of the true displacements, of a single run or of the first of several."""
 
 
 class NoRunError(WrongInput):
-    """Error of a data file that is not a run."""
+    """Error that a data file does not contain a run."""
 
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """A run read back, the study that recorded it, and its parameters.
+    """Run read from files, with its study and parameters.
 
     Without a recording, study and parameters are empty.
     """
@@ -55,18 +55,19 @@ class RecordedRun:
 def read_run(path: Path, machine: Path | None = None) -> RecordedRun:
     """Read a run from its `.npz` file and the recording of the same name.
 
-    `machine` is the MJCF for drawing; None: the file that the recording names, or that of `models/`
-    with its SHA-256. A run of the hexapod's studies needs no recording, but then has no failures.
+    `machine` is the MJCF for drawing; None: the file that the recording names, or the file of
+    `models/` with the recorded SHA-256. Runs of the hexapod's studies need no recording, which has
+    the failures.
 
     Raises:
         NoRunError: The file is not a run.
-        WrongInput: The file is missing or incomplete; its recording is missing, of another run or
-            of an earlier version; its machine file differs or is not found.
+        WrongInput: The file is missing or incomplete; the recording is missing, of another run or
+            of an earlier version; or the machine file is missing or has changed.
     """
     arrays, recording = read_arrays(path), path.with_suffix(".rrd")
     is_published = set(PUBLISHED.values()) <= arrays.keys()
     if not is_published and (missing := [name for name in _OF_ANY if name not in arrays]):
-        raise NoRunError(f"{path} is not a run of the hexapod or another robot: no {missing[0]}")
+        raise NoRunError(f"{path} is not a run of any robot: it has no {missing[0]}")
     parameters, study, content = dict[str, Any](), "", None
     if recording.is_file():
         parameters, results = groups_of(recording)
@@ -95,12 +96,12 @@ def read_run(path: Path, machine: Path | None = None) -> RecordedRun:
 
 
 def _json(recording: Path, text: str) -> dict[str, Any]:
-    """Return the fields of :class:`.view.Stated` in a recording, without a check of the values."""
+    """Return the unchecked fields of :class:`.view.Stated` in a recording."""
     with suppress(ValueError):
         content = json.loads(text)
         if isinstance(content, dict) and content.keys() == {field.name for field in fields(Stated)}:
             return content
-    raise WrongInput(f"{recording} was recorded by an earlier version, and cannot be read back")
+    raise WrongInput(f"{recording} is of another version of fjh and cannot be read: simulate again")
 
 
 def _stated(content: dict[str, Any]) -> Stated:
@@ -110,7 +111,7 @@ def _stated(content: dict[str, Any]) -> Stated:
 
 
 def _check_stated(stated: Stated, model: mujoco.MjModel) -> None:
-    """Raise a ValueError or another error if the statement is invalid for a robot of this model."""
+    """Raise a ValueError or another exception if fields are invalid for this robot model."""
     if stated.hexapod:
         hexapod(model)  # raises for any other robot
     n, changes = len(stated.actuators), [*stated.incidents, *stated.diagnoses]
@@ -135,7 +136,7 @@ def _check_stated(stated: Stated, model: mujoco.MjModel) -> None:
 
 
 def _check_arrays(arrays: Mapping[str, Array], stated: Stated, nq: int) -> None:
-    """Raise a ValueError if these are not the arrays of a run with this statement."""
+    """Raise a ValueError if arrays and fields are not those of one run."""
     n, m1, N = len(stated.actuators), len(stated.major), arrays["time_s"].size
     widths = dict.fromkeys(("desired", "true", "measured"), m1)
     widths |= dict.fromkeys(("inputs", "displacement"), n)
@@ -155,14 +156,14 @@ def _check_arrays(arrays: Mapping[str, Array], stated: Stated, nq: int) -> None:
         if name.startswith("measured"):
             values = np.where(np.isnan(values), 0.0, values)  # sensor samples may be missing
         if not np.abs(values).max(initial=0.0) <= LARGEST:
-            raise ValueError(f"{name} must be at most {LARGEST:g} everywhere")
+            raise ValueError(f"values of {name} must be at most {LARGEST:g}")
     steps_s = np.diff(arrays["time_s"])
     if N < 2 or not (steps_s.min() > 0 and np.ptp(steps_s) <= _UNEVEN * steps_s.max()):
         raise ValueError("time_s must increase in equal steps, of two ticks at least")
 
 
 def _is_of(recording: Path, run: RunView) -> bool:
-    """Return whether the true displacements in a recording equal the run's, to the bit."""
+    """Return whether the true displacements in a recording equal those of the run bit by bit."""
     reader, true = RrdReader(recording), run.arrays["true"]
     for entity in _TRUE:
         chunks = reader.stream().filter(content=entity, is_static=False).to_chunks()
@@ -178,7 +179,7 @@ def _is_of(recording: Path, run: RunView) -> bool:
 
 
 def _machine_of(path: Path, content: Mapping[str, Any], given: Path | None) -> Path:
-    """Return the machine file of a run with the SHA-256 that its recording states."""
+    """Return the machine file of a run, checked by the SHA-256 in its recording."""
     name, sha256 = str(content["model_file"]), content["model_sha256"]
     if given is not None:
         if sha256 != model_sha256(check_file(given)):

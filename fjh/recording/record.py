@@ -1,4 +1,4 @@
-"""Writer of a run of any robot: arrays of every tick, and a recording in 3D with its signals."""
+"""Writer of a run of any robot: arrays of all ticks, and a recording in 3D with all signals."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -21,24 +21,24 @@ from fjh.study.provenance import version_properties, versions
 from fjh.study.result import Check
 
 STATED_PROPERTY = "flight"
-"""Property of a recording from which its run is read back: JSON of :class:`.view.Stated`."""
+"""Name of the property of a recording with the JSON of :class:`.view.Stated`, for the reader."""
 
 
 @dataclass(frozen=True)
 class About:
-    """Information of a study on a run, for its recording.
+    """Information from a study about a run, for the run's recording.
 
     Attributes:
         study: Name of the study.
         identity: Unique name of the recording in the viewer, such as study, name and seed.
-        title: Title of the recording for people; empty: the robot's name.
+        title: Title of the recording; empty: the robot's name.
         notes: Lines of Markdown on the conditions of the run and its results.
         parameters: Seed, versions, every constant; units in the names.
-        compared: RMS errors of the major rows [urad], [um] to compare with, by their source.
+        compared: Reference RMS errors of the major rows [urad], [um], by their source.
         predicted: RMS errors of the major rows [rad], [m] by a linear model, before and after the
-            first incident; None if the study predicts none.
+            first incident; None without a prediction.
         checks: Checks of the study.
-        summary: One sentence; empty: the errors and the controller's status.
+        summary: Sentence on the result; empty: errors and the controller's status.
     """
 
     study: str
@@ -53,25 +53,25 @@ class About:
 
 
 def record(path: str | Path, rig: Rig, run: Run) -> None:
-    """Write a run as a Rerun recording, and the arrays of all its ticks as an `.npz` file.
+    """Write a run as a Rerun recording (`.rrd`), and the arrays of all its ticks as `.npz`.
 
     Needs the extra `all`. The recording shows the robot in 3D with failed actuators marked, its
     path, errors, inputs and diagnoses; `rerun PATH` opens it. The `.npz` of the same name has
     :attr:`Run.arrays`. Either both files are written completely or none.
 
     Args:
-        path: File of the recording, with the suffix `.rrd`.
-        rig: The robot.
+        path: File of the recording, which ends in `.rrd`.
+        rig: Robot of the run.
         run: Result of :meth:`Rig.fly`.
 
     Raises:
         OutputError: The path has another suffix, or the files cannot be written.
-        TypeError, ValueError: An argument is no path, rig or run, or the run is of another robot.
+        TypeError, ValueError: An argument has another type, or the run is of another robot.
     """
     file = Path(check.instance("path", path, str, Path))
     nq = check.instance("rig", rig, Rig).model.nq
     if check.instance("run", run, Run).qpos.shape[1] != nq:
-        raise ValueError(f"run must be of this rig, of {nq} joint positions, got {run}")
+        raise ValueError(f"run must be of this rig, with {nq} joint positions, got {run}")
     folder = usable_file(file, ".rrd", option="path")
     parameters = {"control_period_s": rig.period_s} | version_properties({"versions": versions()})
     about = About("record", file.stem, notes=[run.status], parameters=parameters)
@@ -95,8 +95,8 @@ def write_run(
         path: File of the recording, `.rrd`.
         rig: The robot.
         run: Run of the robot.
-        about: Information of the study on the run.
-        arrays: Contents of the `.npz`, such as :func:`.hexapod_arrays`; None: `Run.arrays`.
+        about: Information from the study about the run.
+        arrays: Arrays for the `.npz` file, such as :func:`.hexapod_arrays`; None: `Run.arrays`.
         known: Addition to the text of each failure, such as "known to the mapping".
         machine_file: Machine file as in :func:`.stated_of`.
     """
@@ -108,12 +108,12 @@ def write_run(
 
 
 def write_views(path: Path, about: About, runs: Mapping[str, RunView]) -> None:
-    """Write runs by name, side by side, as one `.rrd` file; `about` describes the first run."""
+    """Write named runs side by side as one `.rrd` file; `about` describes the first run."""
     write_scenes(path, info_of(about, next(iter(runs.values()))), scenes_of(runs))
 
 
 def info_of(about: About, run: RunView) -> RecordingInfo:
-    """Return notes and properties of the recording of a run, from which it is read back."""
+    """Return notes of a recording, and properties from which its run can be read."""
     parameters = {"model_sha256": run.stated.model_sha256} | dict(about.parameters)
     stated = json.dumps(asdict(run.stated), allow_nan=False)
     title = about.title or run.stated.robot
@@ -125,7 +125,7 @@ def info_of(about: About, run: RunView) -> RecordingInfo:
 
 
 def _tables(about: About, run: RunView) -> list[str]:
-    """Return tables of RMS errors, with those to compare with, and of peaks, in Markdown."""
+    """Return Markdown tables of RMS errors, next to reference values, and of peaks."""
     stated, (names, secondary) = run.stated, run.secondary
     heads = [f"{row}, u{unit}" for row, unit in zip(run.rows, stated.row_units, strict=True)]
     lines = [_row("RMS error", *heads), _row(*["---"] * (1 + len(heads)))]
@@ -150,7 +150,7 @@ def _row(*cells: str) -> str:
 
 
 def results_of(about: About, run: RunView) -> dict[str, Any]:
-    """Return the results of a run as properties; results that it lacks are absent."""
+    """Return the results of a run as properties, without those that the run does not have."""
     stated = run.stated
     texts = [f"{stated.text(change)} at {change.time_s:g} s" for change in stated.incidents]
     properties: dict[str, Any] = {"study": about.study, "robot": stated.robot}

@@ -1,4 +1,4 @@
-"""Pictures of recordings at a given time, from Rerun's viewer without a window."""
+"""Pictures of recordings at a given time, by Rerun's viewer without a window."""
 
 import io
 import os
@@ -22,7 +22,7 @@ from fjh.study.errors import Unsound, WrongInput
 # Not `ViewerClient.spawn`: it listens on all interfaces, prints the log, and has a fixed size.
 VIEWER = Path(str(rerun_cli.__file__)).with_name("rerun")
 DRIVER = next(iter(sorted(Path("/usr/share/vulkan/icd.d").glob("lvp_icd*.json"))), None)
-"""Mesa's software driver for Vulkan, which needs no graphics card; None: not installed."""
+"""File of Mesa's software Vulkan driver, which needs no graphics card; None: not installed."""
 
 _LOG = "warn,egui_wgpu=error,re_renderer::context=error"  # both warn of software rendering
 _BAR, _TIME_PANEL = 36, 30  # heights [px] of the window's buttons and of the time panel
@@ -37,9 +37,9 @@ class ViewerError(Unsound):
 
 
 def picture_of(recording: Path, time_s: float | None, size: tuple[int, int]) -> Image.Image:
-    """Return a picture of a recording's views on white, of `size` [px].
+    """Return a picture of a recording's views at a time [s], on white, of `size` [px].
 
-    The time is in [s]; None: the end of the recording.
+    A time of None is the end of the recording.
 
     Raises:
         ViewerError: The viewer does not start, does not respond, or warns.
@@ -52,11 +52,11 @@ def picture_of(recording: Path, time_s: float | None, size: tuple[int, int]) -> 
 
 @contextmanager
 def headless_viewer(size: tuple[int, int] = (1600, 900)) -> Iterator[ViewerClient]:
-    """Start a private viewer with views of `size` [px], which ends with the block.
+    """Start a viewer without a window, with views of `size` [px], until the end of the block.
 
     If Mesa's software renderer is installed, pictures are the same on every machine; else the
-    viewer uses the graphics card. A `ViewerError` is raised anywhere in the block if the viewer
-    dies or does not respond: without a Vulkan driver, or with too many pixels.
+    viewer uses the graphics card. The block raises a `ViewerError` if the viewer ends or does not
+    respond, for example without a Vulkan driver or with too many pixels.
     """
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -98,7 +98,7 @@ def _connected(viewer: subprocess.Popen, port: int) -> ViewerClient:
 
 
 def _cause(log: str, size: tuple[int, int], error: OSError) -> str:
-    """Return the reason why a viewer of this size does not respond, in one sentence."""
+    """Return a clause on why a viewer of this size does not respond."""
     if re.search("graphics adapter|render context", log):
         return (
             "the viewer needs a Vulkan driver; without a graphics card install Mesa's "
@@ -109,7 +109,7 @@ def _cause(log: str, size: tuple[int, int], error: OSError) -> str:
 
 
 def show(viewer: ViewerClient, recording: Path, time_s: float | None) -> None:
-    """Open a recording at a time [s], None: its end; raise `WrongInput` if that is impossible."""
+    """Open a recording at a time [s], or at its end; raise `WrongInput` if that is impossible."""
     opened, state = viewer.open(str(recording.absolute())), viewer.get_state()
     if opened.loading or not opened.store_ids:
         messages = complaints(viewer) or ["it is no recording"]
@@ -129,7 +129,7 @@ def show(viewer: ViewerClient, recording: Path, time_s: float | None) -> None:
 
 
 def photograph(viewer: ViewerClient) -> bytes:
-    """Return a PNG of the static screen; raise `ViewerError` if it keeps changing, or warns."""
+    """Return the static screen as PNG; raise `ViewerError` if it keeps changing, or on warnings."""
     last = b""
     for _ in range(_SHOTS):
         before, last = last, viewer.take_screenshot()
@@ -149,11 +149,10 @@ def complaints(viewer: ViewerClient) -> list[str]:
 
 
 def on_white(png: bytes) -> Image.Image:
-    """Return the views of a screen with dark and light greys exchanged and unchanged colours.
+    """Return the views of a screen with dark and light greys exchanged and colours kept.
 
-    Without a window the viewer has only a dark theme. A pixel that a line covers in part mixes its
-    colour and the background: the line's share is the pixel's colourfulness, the background's
-    share becomes light.
+    Without a window the viewer has only a dark theme. Where a line covers a pixel in part, the
+    line's share is the pixel's colourfulness, and the background's share becomes light.
     """
     dark = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))[_BAR:-_TIME_PANEL] / 255
     low, high = dark.min(axis=-1, keepdims=True), dark.max(axis=-1, keepdims=True)

@@ -21,20 +21,20 @@ _ROUNDING = 1e-9  # relative difference: on other machines sums may have another
 
 
 def write_review(file: Path, places: Sequence[Path], model: Path | None) -> None:
-    """Write one recording of the runs in some places, with the machine file `model` if given."""
+    """Write one recording of the runs in files and folders, for the given machine file."""
     runs = find_runs(places, model)
     scenes = scenes_of({name: one.view for name, one in runs.items()})
     write_scenes(file, about_runs(runs), scenes)
 
 
 def find_runs(places: Sequence[Path], model: Path | None = None) -> dict[str, RecordedRun]:
-    """Return runs by name: single files, and those of folders in the order in their JSON files.
+    """Return runs by name, from files and from folders (there in the order of the JSON files).
 
-    Other files of a folder are ignored. Numbers in the JSON files must agree with the data.
+    Numbers in a folder's JSON files must agree with the data; other files are ignored.
 
     Raises:
-        WrongInput: A place has no run, or a run is named twice, incomplete, of another machine than
-            the file `model` or contradicted by JSON in its folder, or its machine file is missing.
+        WrongInput: A place has no run; or a run is given twice, incomplete, of another machine than
+            `model`, or contradicts the JSON in its folder; or its machine file is missing.
     """
     all_runs: dict[Path, RecordedRun] = {}
     for place in places:
@@ -57,7 +57,7 @@ def find_runs(places: Sequence[Path], model: Path | None = None) -> dict[str, Re
 
 
 def names_of(files: Sequence[Path]) -> list[str]:
-    """Return distinct short names of files: stem, folder, both, or the whole path."""
+    """Return distinct short names of files: their stem, their folder, both, or the whole path."""
     candidates = (
         [file.stem for file in files],
         [file.parent.name for file in files],
@@ -68,7 +68,7 @@ def names_of(files: Sequence[Path]) -> list[str]:
 
 
 def check_stated(data: str, run: RunView, stated: Mapping[str, Any]) -> None:
-    """Raise `WrongInput` if JSON contents of its folder contradict the run in a data file."""
+    """Raise `WrongInput` if the JSON of a folder contradicts the run in one of its data files."""
     arrays = run.arrays
     computed = {"closure_residual_max_m": float(arrays["closure_residual_m"].max())}
     read = np.sqrt(((arrays["desired"] - arrays["measured"]) ** 2).mean(axis=0))
@@ -87,7 +87,6 @@ def check_stated(data: str, run: RunView, stated: Mapping[str, Any]) -> None:
 
 
 def _entries(content: Any) -> Iterator[dict[str, Any]]:
-    """Yield every JSON object in some content, at any depth."""
     if isinstance(content, dict):
         yield content
     if isinstance(content, dict | list):

@@ -1,4 +1,4 @@
-"""Scene of a recording: one machine with its plots, curves and events below an entity."""
+"""Scene of a recording: a machine with its plots, curves and events, below one entity."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,21 +25,21 @@ from fjh.rig.run import HEALTHY
 from fjh.study.palette import FAILED, GREEN, ORANGE, SKY
 
 _LINES = 1.9
-"""Side of the square relative to the extent of the curves, for a label of three lines."""
+"""Side of the visible square relative to the extent of the curves, with a label of three lines."""
 _STATES = {HEALTHY: [150] * 3, "free": rgb(ORANGE), "weak": rgb(SKY), "loose": rgb(GREEN)}
 """Colours of states and diagnoses of actuators; other failures have the colour `FAILED`."""
 FEW = 3
 """Largest number of runs with the robot next to the plots; with more it has its own page."""
 _TICKS, _FEW_TICKS = 8.0, 4.0
-"""Number of ticks that fit along an axis: of plots in their own column, and below the robot."""
+"""Number of axis ticks that fit, for plots in their own column and for plots below the robot."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A machine in one condition or run.
+    """Scene of a machine in one condition or run.
 
     Attributes:
-        picture: The machine in 3D.
+        picture: Machine in 3D.
         plots: All logged signals.
         axes: Axes of the plots with a view, by entity; the same in all compared scenes.
         plane: Two rows in a plane; None: no such view.
@@ -56,7 +56,7 @@ class Scene:
 
     @property
     def panels(self) -> list[Plot]:
-        """Plots with a view."""
+        """Plots that have a view."""
         return [plot for plot in self.plots if plot.entity in self.axes]
 
     @property
@@ -67,10 +67,10 @@ class Scene:
 
 
 def scenes_of(runs: Mapping[str, RunView], *, paths: bool = False) -> dict[str, Scene]:
-    """Return the scenes of runs by name, with common scales for runs of one robot and task.
+    """Return scenes of named runs, with common scales for runs of one robot and task.
 
-    The plane shows the path of a single run, and the errors of several runs, whose paths would
-    coincide; with `paths` it always shows paths.
+    The plane shows the path of a single run, but the errors of several, whose paths would coincide
+    unless `paths` is set.
     """
     scenes, ticks = {}, _FEW_TICKS if 1 < len(runs) <= FEW else _TICKS
     for name, run in runs.items():
@@ -86,7 +86,7 @@ def scenes_of(runs: Mapping[str, RunView], *, paths: bool = False) -> dict[str, 
 
 
 def axes_of(plots: Sequence[Plot], ticks: float = _FEW_TICKS) -> dict[str, Range]:
-    """Return an axis for each entity of plots; none if all its plots are constant."""
+    """Return the axis of each entity of plots, without entities whose plots are all constant."""
     axes = {}
     for entity in dict.fromkeys(plot.entity for plot in plots):
         comparable = [plot for plot in plots if plot.entity == entity]
@@ -167,7 +167,7 @@ def _errors(run: RunView, comparable: Sequence[RunView]) -> Plane:
 
 
 def log_scene(recording: rr.RecordingStream, under: str, scene: Scene, name: str = "") -> None:
-    """Log a scene below an entity; the list of events has its name if there are several scenes."""
+    """Log a scene below an entity; `name` is its prefix in the list of events."""
     log_machine(recording, f"{under}machine", scene.picture)
     for plot in scene.plots:
         log_plot(recording, plot, under)

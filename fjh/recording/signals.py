@@ -1,4 +1,4 @@
-"""Signals over time, with their events, axes and views."""
+"""Plots of signals over time, with events, axes and views."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from fjh.recording.file import at_most, log_series, time_column
 from fjh.study.palette import FAILED
 
 SIGNALS_HZ = 200
-"""Rate [Hz] of logged signals; they are samples of the run's, without interpolation."""
+"""Rate [Hz] of logged signals, which are samples of the run without interpolation."""
 _LIMIT = "#787878"
 _FLAT = 1e-9
 
@@ -21,7 +21,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Line:
-    """An event, plotted as a vertical line in every plot."""
+    """Event as a vertical line in every plot."""
 
     time_s: float
     name: str
@@ -38,10 +38,10 @@ class Plot:
         names: Names of the lines, with units.
         time_s: Times (T,).
         values: Values (T, k).
-        levels: Limits of the values.
-        failed: Columns of failed actuators and their onsets [s], from which lines are thick.
+        levels: Limits of the values, plotted as horizontal lines.
+        failed: Columns of failed actuators, with the onsets [s] from which their lines are thick.
         note: Addition to the title of a wide view.
-        flat: Largest change, in the unit or relative to the size, of a constant signal.
+        flat: Largest change of a constant signal, in its unit or relative to its size.
     """
 
     entity: str
@@ -63,14 +63,14 @@ class Plot:
 
     @property
     def range(self) -> Range:
-        """Least and largest of the values and of the limits near them."""
+        """Smallest and largest of the values and of limits near them."""
         low, high = float(self.values.min()), float(self.values.max())
         near = [level for level in self.levels if 2 * low - high <= level <= 2 * high - low]
         return min([low, *near]), max([high, *near])
 
 
 def log_plot(recording: rr.RecordingStream, plot: Plot, under: str = "") -> None:
-    """Log the lines of a plot as float64; its entity is below `under`."""
+    """Log the lines of a plot in float64, below the entity `under`."""
     every, entity = at_most(SIGNALS_HZ, plot.time_s), f"{under}{plot.entity}"
     time_s, values = plot.time_s[every], plot.values[every]
     log_series(recording, time_column(time_s), entity, plot.names, values)
@@ -106,7 +106,7 @@ def log_lines(
 def plot_view(
     plot: Plot, axis: Range, under: str = "", *, legend: bool = True, is_wide: bool = True
 ) -> rrb.TimeSeriesView:
-    """Return a view of a plot with this axis; if it is wide, its title has the range of values."""
+    """Return a view of a plot with this axis; the title of a wide view has the range of values."""
     low, high = plot.range
     parts = [plot.title, f"{low:.3g} to {high:.3g}", plot.note] if is_wide else [plot.title]
     times = [rrb.TimeRangeBoundary.absolute(seconds=float(t)) for t in plot.time_s[[0, -1]]]
@@ -120,9 +120,9 @@ def plot_view(
 
 
 def axis_of(low: float, high: float, ticks: float) -> Range:
-    """Return an axis that contains these values and at least three ticks, if `ticks` fit on it.
+    """Return an axis that contains two values and at least three of the viewer's ticks.
 
-    The viewer puts ticks at multiples of powers of ten.
+    The viewer puts up to `ticks` ticks at multiples of powers of ten.
     """
     span = max(high - low, 1e-12, 1e-9 * abs(high))
     step = 10.0 ** np.ceil(np.log10(span / ticks) - 1e-9)

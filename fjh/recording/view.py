@@ -29,18 +29,18 @@ from sim.mjcf import model_sha256
 
 ERROR, INPUT, SECONDARY = "task/error", "actuators/input", "secondary/true"
 CLOSURE = "closure/residual"
-"""Entity of the closure residual; like the three above it has a panel."""
+"""Entity of the closure residual."""
 _HEXAPOD_ROWS = ("alpha", "beta", "gamma", "t_x", "t_y", "t_z")
 _PERCENT = 100.0
-"""Input [%] of a coil's largest force in the hexapod."""
+"""Largest input of the hexapod's coils [%]."""
 _SOLVER = 0.05
-"""Largest variation, in [nm] or relative, of a closure residual that counts as constant."""
+"""Largest variation, in [nm] or relative, with which a closure residual counts as constant."""
 _SOON_S = 1e-9
 
 
 @dataclass(frozen=True)
 class Change:
-    """A change of an actuator's state or diagnosis (`HEALTHY`: no failure), or another event."""
+    """Change of an actuator's state or diagnosis (`HEALTHY`: no failure), or another event."""
 
     actuator: str | None  # name; None for an event without a single actuator
     kind: str  # kind of failure, or name of the event
@@ -49,9 +49,9 @@ class Change:
 
 @dataclass(frozen=True)
 class Stated:
-    """Statement on a run in its recording: all data of its view besides the arrays.
+    """Description of a run that its recording contains: all data of its view except the arrays.
 
-    It has n actuators and m1 major rows. Sequences are lists for JSON.
+    The robot has n actuators and m1 major rows. Sequences are lists, for JSON.
     """
 
     robot: str  # name of the robot
@@ -80,9 +80,9 @@ class Stated:
 def stated_of(
     rig: Rig, run: Run | None = None, *, known: str = "", machine_file: Path | None = None
 ) -> Stated:
-    """Return the statement on a run of a robot; without a run, of one without incidents.
+    """Return the description of a run, or of a robot without incidents if the run is None.
 
-    `machine_file` is the MJCF of a rig without a file; None: that of the hexapod.
+    `machine_file` is the MJCF of a rig that has no file; None: that of the hexapod.
     """
     is_hexapod, n, file = rig.file is None, len(rig.actuators), rig.file or machine_file
     sides = (np.full(n, -np.inf), np.full(n, np.inf)) if rig.limits is None else rig.limits
@@ -111,7 +111,7 @@ def stated_of(
 
 
 def _incidents(rig: Rig, run: Run) -> list[Change]:
-    """Return failures and other events in the order of time; an event that is a failure, once."""
+    """Return failures and other events in the order of time, without duplicates."""
     pairs = [(failure, failure.kind) for failure in run.failures]
     pairs += [(event, event.name) for event in run.events]
     changes = dict[tuple[object, ...], Change]()
@@ -139,7 +139,7 @@ def in_order(changes: Any) -> list[Change]:
 
 @dataclass(frozen=True)
 class RunView:
-    """View of a run of N ticks of a robot with n actuators and m1 major rows."""
+    """View of a run: N ticks of a robot with n actuators and m1 major rows."""
 
     stated: Stated
     arrays: Mapping[str, Array]  # arrays with the names of `Run.arrays`; the hexapod needs no qpos
@@ -164,18 +164,18 @@ class RunView:
 
     @property
     def plane_columns(self) -> list[int]:
-        """Columns of the major rows with the unit of the first; the first two span the plane."""
+        """Columns of the major rows that have the unit of the first; two of them span the plane."""
         units = self.stated.row_units
         return [k for k, unit in enumerate(units) if unit == units[0]]
 
     @cached_property
     def motion(self) -> Mover:
-        """Function that magnifies the motion of the bodies."""
+        """Function that magnifies the bodies' motion."""
         return mover(self.model, self.stated.hexapod, self.arrays["qpos"][0])
 
     @cached_property
     def factor(self) -> int:
-        """Factor of magnification that makes the motion visible."""
+        """Magnification factor that makes the motion visible."""
         if self.stated.hexapod:
             return magnification(self.arrays["task"][:, :3], self.arrays["task"][:, 3:])
         nominal, seen = (self.arrays["qpos"][at] for at in (slice(1), stills(self.time_s)))
@@ -185,7 +185,7 @@ class RunView:
 
     @cached_property
     def error(self) -> Array:
-        """Error, desired minus true, [rad] or [m], (N, m1)."""
+        """Error of the major rows, desired minus true, [rad] or [m], (N, m1)."""
         return self.arrays["desired"] - self.arrays["true"]
 
     def rms(self, ticks: slice = slice(None)) -> Array:
@@ -194,7 +194,7 @@ class RunView:
 
     @property
     def parts(self) -> dict[str, slice]:
-        """Ticks before and after the first incident, without empty parts."""
+        """Slices of the ticks before and after the first incident, without empty ones."""
         first_s = min((change.time_s for change in self.stated.incidents), default=np.inf)
         cut = int(np.searchsorted(self.time_s, first_s - _SOON_S))
         parts = {"before": slice(cut), "after": slice(cut, None)}
@@ -210,7 +210,7 @@ class RunView:
         return "; ".join(texts)
 
     def diagnosis_of(self, incident: Change) -> Change | None:
-        """Return the first diagnosis of an incident's actuator after its onset; None: none."""
+        """Return the first diagnosis of an incident's actuator since onset, or None."""
         since = (
             change
             for change in self.stated.diagnoses
@@ -222,14 +222,14 @@ class RunView:
 
     @property
     def failures(self) -> list[Change]:
-        """Incidents of actuators without repairs."""
+        """Incidents that are failures of actuators."""
         return [
             change for change in self.stated.incidents if change.actuator and change.kind != HEALTHY
         ]
 
     @property
     def failing(self) -> list[Failing]:
-        """Bodies of each failed actuator, with labels from its failure and its diagnosis on."""
+        """Bodies of each failed actuator, with labels from its onset and its diagnosis on."""
         marks = list[Failing]()
         for failure in self.failures:
             text, diagnosis = self.stated.text(failure), self.diagnosis_of(failure)
@@ -258,9 +258,9 @@ class RunView:
 
     @property
     def lanes(self) -> dict[str, list[tuple[float, str]]]:
-        """States over time of each actuator with incidents or diagnoses, and its diagnoses.
+        """Lanes over time: states, and diagnoses, of each actuator that has incidents or diagnoses.
 
-        There are lanes of diagnoses only if there is at least one diagnosis.
+        Lanes of diagnoses exist only if there is a diagnosis.
         """
         start_s, stated = float(self.time_s[0]), self.stated
         lanes = dict[str, list[tuple[float, str]]]()
@@ -287,7 +287,7 @@ class RunView:
 
     @cached_property
     def signals(self) -> list[Plot]:
-        """Logged signals at every tick; those with a panel are in the order of relevance."""
+        """Signals at every tick; those with a panel are in the order of relevance."""
         stated, arrays, um = self.stated, self.arrays, "u" if self.stated.hexapod else ""
         row_units = [f"u{unit}" for unit in stated.row_units]
         rows = _with_units(self.rows, row_units)
@@ -321,7 +321,7 @@ class RunView:
         return [plot for plot in self.signals if plot.entity.startswith(entities)]
 
     def _inputs(self) -> list[Plot]:
-        """Return plots of the inputs with their limits, and the largest fraction of a limit."""
+        """Return plots of the inputs, by unit, with limits and the largest fraction of a limit."""
         stated, inputs, plots = self.stated, self.arrays["inputs"], list[Plot]()
         for entity, title, names, columns in by_unit(
             INPUT, "Inputs", stated.actuators, stated.input_units
@@ -349,7 +349,7 @@ class RunView:
 def by_unit(
     entity: str, title: str, names: Sequence[str], units: Sequence[str]
 ) -> list[tuple[str, str, list[str], list[int]]]:
-    """Split signals into plots of one unit: entity, title, names with units, and columns."""
+    """Return entity, title, names with units, and columns of one plot for each unit."""
     plots, distinct = list[tuple[str, str, list[str], list[int]]](), list(dict.fromkeys(units))
     for unit in distinct:
         columns = [k for k, other in enumerate(units) if other == unit]
@@ -370,7 +370,7 @@ PUBLISHED = {
     "inputs": "strut_input_percent",
     "displacement": "strut_displacement_m",
 }
-"""Names of arrays in the data files of the hexapod's studies, by those of `Run.arrays`."""
+"""Names of arrays in data files of the hexapod's studies, by their names in `Run.arrays`."""
 
 
 def as_run_arrays(arrays: Mapping[str, Array]) -> Mapping[str, Array]:
@@ -383,5 +383,5 @@ def as_run_arrays(arrays: Mapping[str, Array]) -> Mapping[str, Array]:
 
 
 def view_of(rig: Rig, run: Run) -> RunView:
-    """Return the view of a run, equal to that of its recording read back."""
+    """Return the view of a run, equal to the one read from its recording."""
     return RunView(stated_of(rig, run), run.arrays, rig.model)

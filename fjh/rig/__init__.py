@@ -1,4 +1,4 @@
-"""A robot with its control loops, ready to simulate: the testbed's hexapod, or any MJCF robot.
+"""Robots with control loops, ready to simulate: the testbed's hexapod, or any MJCF robot.
 
 from fjh.rig import Rig
 from sim import Failure
@@ -26,7 +26,7 @@ _OF = {
     "Rig": "fjh.rig.rig",
     "Run": "fjh.rig.run",
 }
-"""Module of each name, imported on first use: the command line's help must not wait for MuJoCo."""
+"""Module of each name, imported on first use: the command line's help does not need MuJoCo."""
 
 
 def __getattr__(name: str) -> Any:

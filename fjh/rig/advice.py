@@ -1,4 +1,4 @@
-"""Advice on command-line options that let the diagnosis isolate a failure."""
+"""Advice on command-line options with which the diagnosis isolates a failure."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -16,7 +16,7 @@ from sim import Failure
 def advice(
     rig: Rig, model: Path | None, options: RobotOptions, dither: str, failure: Failure
 ) -> str:
-    """Return options of the command, sensors or a dither, that would isolate a failure."""
+    """Return a clause on the options, --sense and --dither, that would isolate a failure."""
     senses = dict.fromkeys([options.sense, *([] if model is None else ["both"])])
     for sense, designed in product(senses, ("default", "designed")):
         same_sensors = sense == options.sense

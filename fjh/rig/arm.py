@@ -12,7 +12,7 @@ POINTING, SECONDARY = [0, 1], [2, 3, 4, 5]
 
 
 def camera_axes(data: mujoco.MjData) -> Array:
-    """Return the axes of the camera in those of the base, (3, 3); the last is the line of sight."""
+    """Return the camera's axes as columns in base axes, (3, 3); the last is the line of sight."""
     base, payload = (data.site(name).xmat.reshape(3, 3) for name in ("base", "payload"))
     return base.T @ payload
 

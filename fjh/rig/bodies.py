@@ -5,11 +5,11 @@ from pathlib import Path
 import mujoco
 
 _USUAL = "MuJoCo Model"
-"""MuJoCo's name of a model whose file states none."""
+"""Name that MuJoCo gives a model whose file has no name."""
 
 
 def model_name(model: mujoco.MjModel, file: Path) -> str:
-    """Return the file's name of the model in one printable line, or the name of the file."""
+    """Return a model's name in one printable line, or its file's name if the model has none."""
     stated = model.names.split(b"\0", 1)[0].decode(errors="replace")
     name = " ".join("".join(c if c.isprintable() else " " for c in stated).split())
     return file.stem if name in ("", _USUAL) else f"{name:.80}"

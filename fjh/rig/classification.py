@@ -1,4 +1,4 @@
-"""Classification of the remaining major task in each condition of a failure atlas."""
+"""Classification of the conditions of a failure atlas by what remains of the major task."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,14 +19,14 @@ _COLORS = (BLACK, YELLOW, ORANGE, PURPLE, GREEN, "#999999")
 
 @dataclass(frozen=True)
 class Classification:
-    """Class of the conditions of an atlas that leave the same part of the major task.
+    """Class of conditions of an atlas in which the same part of the major task remains.
 
     Attributes:
         name: Name in files.
         label: Label for people.
         color: Color on a map.
-        holds: True for the conditions of this class, shape (C,).
-        by_failures: Number of conditions by number of failed actuators, shape (n + 1,).
+        holds: True for each of the C conditions that is in this class, shape (C,).
+        by_failures: Number of its conditions by number of failed actuators, shape (n + 1,).
     """
 
     name: str
@@ -37,7 +37,7 @@ class Classification:
 
 
 def classify(classes: Classes) -> NDArray[np.object_]:
-    """Return the class of the major task in each condition, strings (C,).
+    """Return the name of the major task's class in each of C conditions, strings (C,).
 
     "exact"; "drifts" if self-motion moves the task; else the number of remaining directions:
     "two_directions", "one_direction" or "none".
@@ -61,15 +61,15 @@ def _noun(count: int) -> str:
 def classifications(
     atlas: FailureAtlas, *, task: str = "task", body: str = "task"
 ) -> list[Classification]:
-    """Return disjoint classes that cover all conditions of an atlas, the best first.
+    """Return disjoint classes that cover all conditions of an atlas, beginning with "exact".
 
-    They are those of :func:`classify`; an elastic mechanism has two classes in place of "exact":
+    The classes are those of :func:`classify`, but an elastic mechanism has two in place of "exact":
     "rigid", exact with and without springs, and "springs", exact with the springs only.
 
     Args:
         atlas: Atlas of any mechanism.
-        task: Adjective of the major task's directions in labels.
-        body: Name of what a self-motion moves, in labels.
+        task: Adjective for directions of the major task in labels, such as "pointing".
+        body: Name in labels of the body that a self-motion moves.
     """
     springs, rigid = atlas.elastic, atlas.possible
     names, failing = classify(springs or atlas), (atlas.codes != 0).sum(axis=1)

@@ -1,4 +1,4 @@
-"""The conventional weighted pseudo-inverse over all rows, without priorities, as a baseline."""
+"""Conventional weighted pseudo-inverse over all task rows, without priorities, as a baseline."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class Compromise:
     equals: VelocityMapping
     """Mapping without major rows; its secondary task is [v_s; v_m]."""
     secondary_count: int
-    """Number of rows of v_s."""
+    """Number of secondary rows v_s."""
 
     @property
     def major(self) -> Array:
@@ -33,7 +33,7 @@ class Compromise:
 
     @property
     def status(self) -> Status:
-        """Status DAMPED, never exact: the major task is one weighted reference of several."""
+        """Status DAMPED, never exact: the weights trade the major task for the others."""
         return Status.DAMPED
 
     def __call__(
@@ -42,7 +42,7 @@ class Compromise:
         joint_velocity: ArrayLike | None = None,
         secondary_velocity: ArrayLike | None = None,
     ) -> Array:
-        """Return the active joint rates, shape (n,); None counts as zero."""
+        """Return the rates of the active joints, shape (n,); references of None are zero."""
         return self.equals([], joint_velocity, self._reference(v_major, secondary_velocity))
 
     def solve(
@@ -67,17 +67,17 @@ def weighted_pseudo_inverse(
     joint_weight: ArrayLike | None = None,
     secondary_weight: ArrayLike | None = None,
 ) -> Compromise:
-    """Minimize |w (v_m - v_md)|^2 + |W1 (rates - rates_d)|^2 + |W2 (v_s - v_sd)|^2.
+    """Return the mapping with the least weighted sum of squared errors of all tasks.
 
-    This is the sum of eq. (24) with the major task as one more term instead of a constraint, eq.
-    (23): the library's own mapping without major rows, which satisfies the major task only "in
-    accordance with the weight" (section 3).
+    The sum is |w (v_m - v_md)|^2 + |W1 (rates - rates_d)|^2 + |W2 (v_s - v_sd)|^2: that of eq. (24)
+    and, instead of the constraint (23), the major task with weight w, `major_weight`. This task is
+    satisfied only "in accordance with the weight" (section 3).
 
     `major` and `secondary` are rows of the task Jacobian J (m, n); the weights W1 (n,) and W2 (m2,)
     are diagonals, None is zero.
 
     Raises:
-        ValueError: As :func:`prioritized.velocity_mapping`.
+        ValueError: An argument is invalid; see :func:`prioritized.velocity_mapping`.
     """
     m2 = len(secondary)
     W2 = np.zeros(m2) if secondary_weight is None else np.asarray(secondary_weight)
@@ -91,8 +91,8 @@ def compromising(
 ) -> Callable[[Kinematics], Compromise]:
     """Return an `allocate` of :class:`ftc.PrioritizedMapping`: a weighted pseudo-inverse.
 
-    It maps the remaining actuators at any posture with the goal's weights; arguments as for
-    :func:`weighted_pseudo_inverse`.
+    At each posture it maps the remaining actuators with the goal's weights. The other arguments are
+    those of :func:`weighted_pseudo_inverse`.
     """
 
     def allocate(kinematics: Kinematics) -> Compromise:

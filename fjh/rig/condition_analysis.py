@@ -18,7 +18,7 @@ from sim import Array
 Limits = tuple[Array, Array]
 
 LEAST_LEFT = 0.01
-"""Fraction of the healthy robot's speed, force or effect that a survived failure leaves."""
+"""Least fraction of the healthy speed, force or effect that remains if a failure is survived."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +27,9 @@ class ConditionAnalysis:
 
     Attributes:
         codes: Conditions, shape (C, n).
-        classes: Classes and gains of each condition; those of the elastic mechanism where springs
-            count.
-        are_joints: True if a free actuator is a joint that moves freely. Otherwise it is an input
-            without effect, such as a stopped rotor, whose column is removed for free and locked
-            alike.
+        classes: Classes and gains of each condition, of the elastic mechanism if its springs count.
+        are_joints: True if a free actuator is a joint that moves freely. Otherwise actuators are
+            inputs, such as rotors, and the column of a free or locked one is removed.
     """
 
     codes: Codes
@@ -40,15 +38,15 @@ class ConditionAnalysis:
 
     @property
     def survived(self) -> NDArray[np.bool_]:
-        """Return where the task keeps `LEAST_LEFT` of the healthy performance, (C,) booleans."""
+        """True where at least `LEAST_LEFT` of the healthy performance remains, shape (C,)."""
         return self._possible & ~(self.share < LEAST_LEFT)
 
     @cached_property
     def share(self) -> Array:
         """Remaining performance that decides survival, shape (C,): the smaller of speed and force.
 
-        For inputs it is the speed alone. Without force limits it is the force of unit norm, the
-        inverse of the error gain.
+        For inputs only the speed counts. Without force limits, the force is that of torques of unit
+        norm, the inverse of the error gain.
         """
         if not self.are_joints:
             return self.speed_left
@@ -60,7 +58,7 @@ class ConditionAnalysis:
 
     @property
     def _possible(self) -> NDArray[np.bool_]:
-        """Return where the task is reachable within limits and no self-motion moves it."""
+        """True where the task is reachable within limits and no self-motion moves it, (C,)."""
         if self.classes.worst_speed is None:
             return self.classes.possible
         return self.classes.possible & (self.classes.worst_speed > 0.0)
@@ -77,7 +75,7 @@ class ConditionAnalysis:
 
     @property
     def largest_gain(self) -> Array:
-        """Largest norm of the rates per major speed, infinite if not possible, (C,)."""
+        """Largest norm of the rates per major speed, (C,); infinite if the task is impossible."""
         with np.errstate(divide="ignore"):
             return np.where(self._possible, 1.0 / self.classes.worst_gain, np.inf)
 
@@ -104,12 +102,12 @@ class ConditionAnalysis:
 
     @property
     def force_left(self) -> Array | None:
-        """Ratio of the worst major force to the healthy one; infinite if borne by structure."""
+        """Ratio of the worst major force to the healthy one, (C,); None without force limits."""
         return None if self.classes.worst_force is None else _over_first(self.classes.worst_force)
 
     @cached_property
     def singles(self) -> NDArray[np.intp]:
-        """Rows of the single failures, locked and free, shape (n, 2)."""
+        """Numbers of the conditions with one failed actuator, locked and free, shape (n, 2)."""
         rows = np.zeros((self.codes.shape[1], 2), dtype=np.intp)
         for row in np.flatnonzero(self.failures == 1):
             actuator = int(np.flatnonzero(self.codes[row])[0])
@@ -131,17 +129,17 @@ class ConditionAnalysis:
         return bound
 
     def lost(self, row: int) -> Array:
-        """Return the secondary directions lost in a condition against health, shape (m2, k)."""
+        """Return the k secondary directions that a condition removes, shape (m2, k)."""
         here, healthy = (_columns(self.classes.lost_secondary[k]) for k in (row, 0))
         lost = here - healthy @ (healthy.T @ here)
         U, sigma, _ = np.linalg.svd(lost, full_matrices=False)
         return U[:, sigma > _SAME]
 
     def classification(self, row: int) -> str:
-        """Return the class of the major task in a condition: :func:`classify`, or one of two more.
+        """Return the class of the major task in a condition.
 
-        "no margin": the limits leave no speed in some major direction; "nearly lost": less than
-        `LEAST_LEFT` remains.
+        The classes are those of :func:`classify`, "no margin" (the limits leave no speed in some
+        major direction), and "nearly lost" (less than `LEAST_LEFT` remains).
         """
         if self.classes.possible[row] and not self.survived[row]:
             return NEARLY_LOST if self._possible[row] else NO_MARGIN
@@ -167,7 +165,7 @@ def _over_first(values: Array) -> Array:
 
 
 _SAME = 1e-6
-"""Sine of the angle between a lost direction and those that were lost before."""
+"""Largest sine of the angle between a lost direction and the span of others that counts as zero."""
 
 
 def _columns(padded: Array) -> Array:
@@ -175,7 +173,7 @@ def _columns(padded: Array) -> Array:
 
 
 def best_relative_manipulability(n: int, m: int, failures: int) -> float:
-    """Return sqrt(C(n - i, m) / C(n, m)), NaN for fewer actuators than rows."""
+    """Return sqrt(C(n - i, m) / C(n, m)) for i failures; NaN if n < m."""
     return sqrt(comb(n - failures, m) / comb(n, m)) if n >= m else np.nan
 
 
@@ -189,7 +187,7 @@ def analyze_conditions(
     are_joints: bool = True,
     on_progress: OnProgress = lambda done, total: None,
 ) -> ConditionAnalysis:
-    """Analyze the failure conditions of a system, elastic if it has springs.
+    """Analyze failure conditions of a system, including its springs if it has any.
 
     Args:
         system: The system at one posture.
@@ -198,9 +196,9 @@ def analyze_conditions(
         rates: Limits of the rates, (n,) or (C, n), for the worst speed; None: it is not computed.
         torques: Limits of the torques, (n,) or (C, n), for the worst force; None: it is not
             computed.
-        are_joints: As in :class:`Examined`.
-        on_progress: Called with the number of analyzed and of all conditions, if there are so many
-            that they are analyzed in several parts.
+        are_joints: As in :class:`ConditionAnalysis`.
+        on_progress: Function called after each batch with the numbers of analyzed and of all
+            conditions.
     """
     different, row_of = codes, np.arange(len(codes))
     if not are_joints:
@@ -247,13 +245,13 @@ def _joined(parts: Sequence[Classes], rows: NDArray[np.intp]) -> Classes:
 
 
 _ALONE = 0.995
-"""Component of a direction from which it is described by one row alone."""
+"""Smallest component of a unit direction from which its description is one row alone."""
 _PART = 0.05
-"""Smallest component of a direction that its description includes."""
+"""Smallest component of a unit direction that its description includes."""
 
 
 def directions_text(basis: Array, rows: Sequence[str]) -> str:
-    """Return a description of directions (m2, k): "y", "0.8 x - 0.6 turn z", or "nothing".
+    """Return a description of k directions (m2, k): "y", "0.8 x - 0.6 turn z", or "nothing".
 
     Rows that are lost completely come first, then one combination for each further direction.
     """

@@ -1,4 +1,4 @@
-"""Failure conditions of actuators as codes, as code letters, as text, and as lists of names."""
+"""Conversion of failure conditions between codes, letters, text and lists of names."""
 
 from collections.abc import Iterable, Sequence
 from itertools import combinations, product
@@ -12,10 +12,10 @@ from sim import Failure
 from sim.plant import FailureKind
 
 HEALTHY, LOCKED, FREE, LOOSE = 0, 1, 2, 3
-"""Codes of actuators; the first three as in :class:`prioritized.FailureAtlas`."""
+"""Codes of an actuator's state; the first three are those of :class:`prioritized.FailureAtlas`."""
 
 CODE_LETTERS = "SLFB"
-"""Letter of each code in files and on command lines."""
+"""Letters of the codes 0 to 3 in files and on command lines."""
 
 Name = TypeVar("Name", str, int)
 
@@ -28,10 +28,9 @@ _KINDS: dict[int, FailureKind] = {**KINDS, LOOSE: "loose"}
 
 
 def with_failures(n: int, count: int) -> Codes:
-    """Return all conditions with exactly `count` failures, C(n, count) 2^count of them.
+    """Return all C(n, count) 2^count conditions of n actuators with exactly `count` failures.
 
-    They are in the order of the actuators; for one set of failed actuators locked comes before
-    free.
+    The sets of failed actuators are in the actuators' order; for each set locked comes before free.
     """
     every = np.full((comb(n, count), len(KINDS) ** count, n), HEALTHY, dtype=np.int8)
     kinds = np.array(list(product(KINDS, repeat=count)), dtype=np.int8)
@@ -62,7 +61,7 @@ def failures_of(condition: str, time_s: float = 0.0) -> tuple[Failure, ...]:
 
 
 def failed(condition: Iterable[int], names: Iterable[Name], kind: int) -> list[Name]:
-    """Return the names, or numbers, of the actuators with a kind of failure."""
+    """Return the names (or numbers) of the actuators whose code is `kind`."""
     return [name for name, code in zip(names, condition, strict=True) if code == kind]
 
 
@@ -76,7 +75,7 @@ def condition_text(condition: Sequence[int] | NDArray[np.int8], names: Sequence[
 
 
 def listed(names: Sequence[str], joined: str = "and", most: int = 6) -> str:
-    """Return names joined as in a sentence; of many the first ones, and the number of others."""
+    """Return names joined as in a sentence, after the first few only the number of the others."""
     if len(names) > most:
         return f"{', '.join(names[: most - 1])} {joined} {len(names) - most + 1} more"
     return f" {joined} ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))

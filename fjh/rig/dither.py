@@ -1,4 +1,4 @@
-"""Dithers of a rig by which its diagnosis isolates failures, and their cost."""
+"""Dithers with which a rig's diagnosis isolates failures, and their cost."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from fjh.rig.rig import Rig
 
 FREQUENCIES_HZ = {"designed": (2.0, 5.0, 10.0, 20.0), "default": (10.0, 20.0)}
-"""Candidate frequencies [Hz] above the crossovers of the loops, which would suppress the response.
-No actuator is identified before one period: by default a tenth of a second at most."""
+"""Candidate frequencies [Hz]. Only those above the loops' crossovers are used, because loops
+suppress the response below. Identification takes at least one period: by default at most 0.1 s."""
 
 MEASURED_S = 0.5
-"""Time [s] in which failures are to be separated."""
+"""Duration [s] of the measurements by which a designed dither separates failures."""
 
 _CHOICES = ("none", "default", "designed")
 
@@ -40,16 +40,16 @@ _SAMPLES = 4
 """Smallest number of samples of the diagnosis in a period of the dither."""
 
 _ROUND_OFF = 1e-9
-"""Part of a reference that counts as round-off."""
+"""Fraction of a reference below which a component counts as round-off."""
 
 
 def rig_dither(rig: "Rig", requested: str) -> DitherDesign | None:
-    """Return the requested dither: "none", "default", "designed", or a frequency in Hz.
+    """Return the dither for "none", "default", "designed", or a frequency in Hz.
 
-    A designed dither maximizes the least separation of two failures by the linear model with the
-    uncertainty that the diagnosis assumes, with an amplitude of :data:`DITHER_SIZE`; "default" is
-    designed at 10 or 20 Hz, limited by :data:`COST_PART`. None for "none", or if the major task
-    leaves no motion; for "default" also if no frequency is possible or separates any failure.
+    A designed dither maximizes the least separation of two failures in the linear model, with the
+    uncertainty that the diagnosis assumes; :data:`DITHER_SIZE` limits its amplitude. "default" is
+    designed at 10 or 20 Hz, and :data:`COST_PART` limits it further. The result is None for "none",
+    if the major task leaves no motion, or if no default dither isolates a failure.
 
     Raises:
         WrongInput: The request is invalid, or a frequency that the diagnosis cannot use.
@@ -61,13 +61,13 @@ def rig_dither(rig: "Rig", requested: str) -> DitherDesign | None:
         if requested != "default":
             return _designed(rig, frequencies, size)
         design = _designed(rig, frequencies, min(size, COST_PART * rig.noise))
-    except ValueError as error:  # an undamped mode at that frequency
+    except ValueError as error:  # for example an undamped mode at this frequency
         raise WrongInput(f"dither {requested}: {error}") from None
     return design if design is not None and design.separations.isolable() else None
 
 
 def _designed(rig: "Rig", frequencies: list[float], task_motion: float) -> DitherDesign | None:
-    """Return the best dither of these frequencies within the cost; None if there is no motion."""
+    """Return the best dither that moves no major row further than `task_motion`, if any."""
     mapping = rig.mapping(rig.goal)
     freedom = mapping.secondary_gain()
     freedom = np.where(np.abs(freedom) < _ROUND_OFF, 0.0, freedom)
@@ -81,10 +81,10 @@ def _designed(rig: "Rig", frequencies: list[float], task_motion: float) -> Dithe
 
 
 def dither_of(rig: "Rig", requested: str | Dither | None, default: str | Dither) -> Dither | None:
-    """Return the dither of :meth:`fjh.rig.Rig.supervisor`; `default` is that of the robot.
+    """Return a dither as :meth:`fjh.rig.Rig.supervisor` takes it; `default` replaces "default".
 
     Raises:
-        WrongInput: As :func:`rig_dither`.
+        WrongInput: The request is invalid, as for :func:`rig_dither`.
     """
     chosen = default if isinstance(requested, str) and requested == "default" else requested
     if chosen is None or isinstance(chosen, Dither):
@@ -95,7 +95,7 @@ def dither_of(rig: "Rig", requested: str | Dither | None, default: str | Dither)
 
 
 def _frequencies(rig: "Rig", requested: str) -> list[float]:
-    """Return the requested frequencies in the diagnosis band; designed ones above crossovers."""
+    """Return frequencies [Hz] in the band of the diagnosis, designed ones above crossovers."""
     slowest = 1 / MEASURED_S
     fastest = 1 / _SAMPLES / max(rig.period_s, DEFAULT_CONFIG.sample_s)
     candidates = FREQUENCIES_HZ.get(requested, ())
@@ -139,8 +139,9 @@ def not_isolable(
 ) -> list[Failure]:
     """Return the failures that neither the dither nor the path isolates, by the linear model.
 
-    They are not separated from health or from failures of other actuators, with the uncertainty
-    that the diagnosis assumes; by the dither in half a second, by the path in its strongest period.
+    Such a failure is not separated from health or from another actuator's failure, with the
+    uncertainty that the diagnosis assumes. The dither acts for half a second, the path for one
+    period of its strongest sinusoid.
     """
     remaining = [
         failure
@@ -161,6 +162,5 @@ def _path_separations(rig: "Rig", path: Array) -> Separations:
     measured_s = max(MEASURED_S, 1 / float(frequency_hz[0]))
     commanded = rig.mapping(rig.goal).major_gain() @ phasors[strongest]
     arguments = measured_s, DEFAULT_CONFIG.uncertainty
-    return separations_at(
-        fault_responses(rig.diagnosis_model, frequency_hz, *arguments), 0, commanded
-    )
+    responses = fault_responses(rig.diagnosis_model, frequency_hz, *arguments)
+    return separations_at(responses, 0, commanded)

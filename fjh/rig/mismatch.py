@@ -1,4 +1,4 @@
-"""Mismatch between a plant and its controller's model: sizes, and sampled plants."""
+"""Mismatch between a plant and its controller's model: sizes, and sampling of plants."""
 
 import copy
 from collections.abc import Sequence
@@ -27,16 +27,16 @@ LIMITS: dict[str, tuple[float, float]] = {
     "hysteresis": (0.0, 0.9),
     "drift_per_s": (0.0, 1e6),
 }
-"""Smallest and largest accepted size."""
+"""Smallest and largest accepted value of each size, in its unit."""
 
 
 @dataclass(frozen=True)
 class Mismatch:
-    """Sizes of all differences between plant and model; zero is none.
+    """Sizes of the differences between a plant and its controller's model; by default none.
 
-    Relative sizes are half widths of uniform distributions, sampled anew for each run. Sizes that
-    do not apply to a robot are rejected: an MJCF file states no floor, hysteresis or preload of
-    springs.
+    Relative sizes are half widths of uniform distributions; a seed determines the sampled plant.
+    Sizes that do not apply to a robot are rejected: floor, drifts of coils and detector, stiffness,
+    hysteresis and physics step apply to the hexapod only.
 
     Attributes:
         gain: Force of each actuator, and feedback of each servo.
@@ -87,12 +87,12 @@ class Mismatch:
             check_within("timestep_s", self.timestep_s, 1e-6, 1e-2)
 
     def scaled(self, factor: float) -> "Mismatch":
-        """Return all sizes times a factor, the delay rounded.
+        """Return a mismatch with all sizes times a factor, the delay rounded to whole ticks.
 
         The physics step is not scaled, except for a factor of zero, which gives :data:`EXACT`.
 
         Raises:
-            ValueError: The factor is negative, or takes a size beyond its `LIMITS`.
+            ValueError: The factor is negative, or a scaled size is outside its `LIMITS`.
         """
         check_within("factor", factor, 0.0, 1e6)
         sizes = {name: factor * getattr(self, name) for name in LIMITS}
@@ -110,7 +110,7 @@ Known = Literal["exact", "all"]
 
 
 def sizes_of(mismatch: Known | Mismatch, everything: Mismatch, unknown: Sequence[str]) -> Mismatch:
-    """Return the sizes of a mismatch, by name or as given, for a robot.
+    """Return the mismatch with a name, or the given one, if it applies to a robot.
 
     Args:
         mismatch: Name, or sizes.
@@ -128,7 +128,7 @@ def sizes_of(mismatch: Known | Mismatch, everything: Mismatch, unknown: Sequence
         )
     for name in unknown:
         if getattr(sizes, name) != getattr(EXACT, name):
-            raise WrongInput(f"this robot has no mismatch of {name}, got {getattr(sizes, name)}")
+            raise WrongInput(f"{name} does not apply to this robot, got {getattr(sizes, name)}")
     return sizes
 
 
@@ -144,7 +144,7 @@ def sampled_model(
     streams: RandomStreams,
     damped: Array | None = None,
 ) -> tuple[mujoco.MjModel, Array]:
-    """Return a copy of a model with sampled gains, dampers and inertias, and the gains (n,).
+    """Return a copy of a model with sampled gains, dampers, inertias; and its gain factors (n,).
 
     Each size has its own random stream: the same seed gives the same samples of one size for any
     values of the others.

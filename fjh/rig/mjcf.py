@@ -22,7 +22,7 @@ def rig_of(model: Path | None, options: RobotOptions) -> Rig:
     """Return the rig that a command's options request.
 
     Args:
-        model: MJCF; None is the hexapod, which has its own frame, loops and sensors.
+        model: MJCF file; None is the hexapod, which has its own frame, loops and sensors.
         options: Options of the robot.
 
     Raises:
@@ -35,7 +35,7 @@ def rig_of(model: Path | None, options: RobotOptions) -> Rig:
         robot_only = option.name not in ("size", "feedforward")
         if robot_only and getattr(options, option.name) != option.default:
             flag = f"--{option.name.replace('_', '-')}"
-            raise WrongInput(f"{flag} needs a MODEL.xml: the hexapod of the testbed has its own")
+            raise WrongInput(f"{flag} needs a MODEL.xml: it does not apply to the hexapod")
     return Rig.hexapod(size=options.size, feedforward=options.feedforward == "on")
 
 
@@ -86,7 +86,6 @@ def robot_rig(file: Path, options: RobotOptions, at: Array | None = None) -> Rig
 def _tracking(
     robot: Robot, plant: Plant, limits: tuple[Array, Array] | None, file: Path
 ) -> Tracking:
-    """Return the control loops of a plant at its start."""
     options = robot.options
     try:
         return tracking(

@@ -1,6 +1,6 @@
-"""Options of a robot's control, declared, checked and parsed once for commands and code.
+"""Options of a robot's control: declarations, checks and parsers for commands and code.
 
-Only modules that load fast are imported, because the help text waits for this one.
+It imports only modules that load fast, because the command line's help needs it.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,14 +15,14 @@ from fjh.study.input_checks import short
 from fjh.study.option import Option
 
 Sensing = Literal["task", "joints", "both"]
-"""Sensors: of the task frame; encoders of the actuators with forward kinematics; or both."""
+"""Sensors: of the task frame, encoders of the actuators with forward kinematics, or both."""
 
 Limited = Literal["stated", "none"]
-"""Limits of the displacements: those of the file, or none."""
+"""Limits of the displacements: those that the file states, or none."""
 
 Feedforward = Literal["default", "on", "off"]
-"""Demand of the path through the inverse of the linear model; "default" is on, except for the
-hexapod, as in the paper."""
+"""Feedforward of the path through the inverse of the linear model; "default" is "on", but "off" for
+the hexapod, as in the paper."""
 
 JacobianChoice = Literal["analytic", "constant"]
 """Jacobian of the hexapod's mapping: at the estimated pose at every control tick, or at the nominal
@@ -31,8 +31,8 @@ pose as eq. (39)."""
 Switch = Literal["on", "off"]
 
 DITHER_SIZE = 0.1
-"""Largest dither as a fraction of the path's motion of an actuator, and of the path's size for a
-major row. A failed actuator leaves its part of the dither uncompensated."""
+"""Largest dither of an actuator as a fraction of its motion on the path, and of a major row as a
+fraction of the path's size."""
 
 COST_PART = 0.5
 """Largest motion of a major row by the default dither without failures, in standard deviations of
@@ -53,36 +53,38 @@ BOUNDS = {
 
 Model = Annotated[
     Path | None,
-    Option(metavar="MODEL.xml", help="The robot, MJCF.  [default: the hexapod]", positional=True),
+    Option(
+        metavar="MODEL.xml", help="MJCF file of the robot.  [default: the hexapod]", positional=True
+    ),
 ]
 MachineFile = Annotated[
     Path | None,
-    Option(metavar="FILE", help="Another machine file, MJCF.  [default: the hexapod]"),
+    Option(metavar="FILE", help="MJCF file of another hexapod.  [default: the testbed's]"),
 ]
 Site = Annotated[
-    str, Option(metavar="NAME", help="Task frame: a site, or a body, by name or number.")
+    str, Option(metavar="NAME", help="Task frame: a site or a body, by name or number.")
 ]
 Axes = Annotated[
-    str | None, Option(metavar="NAME", help="Site that gives the axes.  [default: world]")
+    str | None, Option(metavar="NAME", help="Site whose axes the rows have.  [default: world]")
 ]
 MAJOR = Option(
     metavar="ROWS",
-    help="Major rows of the twist [rx, ry, rz, x, y, z], turns about axes and then motions along "
-    "them: controlled exactly. Names, such as x,y,z, or numbers, 0 to 5.",
+    help="Rows of the twist to control exactly: names among rx, ry, rz (rotations), x, y, z "
+    "(translations), or numbers 0 to 5.",
 )
 Keyframe = Annotated[
     str | None,
     Option(
         metavar="KEY",
-        help="Where the robot starts: name or number.  [default: the first, or qpos0]",
+        help="Keyframe of the start, by name or number.  [default: the first, or qpos0]",
     ),
 ]
 Pinned = Annotated[
     tuple[str, ...] | None,
     Option(
         metavar="NAME,...",
-        help="Sites or bodies fixed to the world, such as feet: welded at the robot's start, or "
-        "NAME:point, which may rotate.",
+        help="Sites or bodies fixed to the world, such as feet: NAME is welded at the robot's "
+        "start, NAME:point may rotate.",
     ),
 ]
 Turn = Annotated[
@@ -95,10 +97,10 @@ Dither = Annotated[
         metavar="HZ",
         help="A small motion in the null space of the major rows, for the diagnosis: none, "
         "designed (the direction and frequency that separate failures best, at 2, 5, 10 or 20 "
-        f"Hz), or a frequency in Hz. No actuator moves further than {DITHER_SIZE:g} of what the "
-        f"path moves one, and by dynamics no major row further than {DITHER_SIZE:g} of the path's "
-        "size. default: designed at 10 or 20 Hz, and no major row moves further than "
-        f"{COST_PART:g} of the noise of a sample; none where no failure is separated by it.",
+        f"Hz), or a frequency in Hz. No actuator moves more than {DITHER_SIZE:g} times its motion "
+        f"on the path, and no major row more than {DITHER_SIZE:g} times the path's size. default: "
+        f"designed at 10 or 20 Hz, with major rows moving at most {COST_PART:g} standard "
+        "deviations of a sample; none if it separates no failure.",
     ),
 ]
 Controller = Annotated[
@@ -112,7 +114,7 @@ Controller = Annotated[
 
 @dataclass(frozen=True)
 class RobotOptions:
-    """Options of a robot's control; `major`, weights and `pinned` may be comma-separated text.
+    """Options of a robot's control; `major`, the weights and `pinned` may be comma-separated text.
 
     Raises:
         WrongInput: A value is invalid for every robot; names are checked when the robot is loaded.
@@ -133,7 +135,7 @@ class RobotOptions:
         Sensing,
         Option(
             help="task: a sensor of the major rows; joints: encoders, and forward kinematics; "
-            "both: the diagnosis looks at both."
+            "both: the diagnosis uses both."
         ),
     ] = "both"
     noise: Annotated[
@@ -141,8 +143,8 @@ class RobotOptions:
         Option(
             metavar="SIGMA",
             help="Standard deviation of one sample of each sensor, [rad] or [m].  [default: a "
-            "hundredth of what a path of the default size moves it: of a row 0.01 mrad, or 1e-5 "
-            "of the model's extent]",
+            "hundredth of the signal's amplitude on a path of the default size: for a row 0.01 "
+            "mrad, or 1e-5 of the model's extent]",
         ),
     ] = None
     crossover: Annotated[
@@ -156,31 +158,28 @@ class RobotOptions:
     feedforward: Annotated[
         Feedforward,
         Option(
-            help="Whether the path is demanded through the inverse of the linear model, and the "
-            "loops add to it. By default on; off for the hexapod, as in the paper."
+            help="Feedforward of the path through the inverse of the linear model, in addition to "
+            "the loops. By default on; off for the hexapod, as in the paper."
         ),
     ] = "default"
     period: Annotated[
-        float, Option(metavar="S", help="Control period, in whole physics steps.")
+        float, Option(metavar="S", help="Control period: a whole number of physics steps.")
     ] = 1e-3
     joint_weight: Annotated[
         tuple[float, ...] | None,
         Option(
             metavar="W,...",
-            help="W1, one number or one an actuator.  [default: 1, unless there is a secondary "
-            "weight]",
+            help="W1 of the actuators, one number or one for each.  [default: 1, without a "
+            "secondary weight]",
         ),
     ] = None
     secondary_weight: Annotated[
         tuple[float, ...] | None,
-        Option(metavar="W,...", help="W2, one number a secondary row."),
+        Option(metavar="W,...", help="W2 of the other rows, a number for each."),
     ] = None
     limits: Annotated[
         Limited,
-        Option(
-            help="Displacements of the actuators: within the ranges that the file states, or "
-            "unlimited."
-        ),
+        Option(help="Limits of the actuators' displacements: ranges stated in the file, or none."),
     ] = "stated"
     keyframe: Keyframe = None
     pinned: Pinned = None
@@ -188,12 +187,11 @@ class RobotOptions:
         float | None,
         Option(
             metavar="HZ",
-            help="Natural frequency of the position servos that torque motors get.",
+            help="Natural frequency of position servos added to torque motors.",
         ),
     ] = None
 
     def __post_init__(self) -> None:
-        """Check all values, and parse text."""
         parsed: dict[str, Any] = {"major": rows_of("major", self.major)}
         for name in ("joint_weight", "secondary_weight"):
             if (value := getattr(self, name)) is not None:
@@ -225,7 +223,7 @@ def rows_of(name: str, given: Any, *names: Sequence[str]) -> tuple[int, ...]:
 
     Args:
         name: Name of the argument, for messages.
-        given: The rows.
+        given: Rows, by names or numbers.
         names: Lists of names of all rows; by default those of a twist.
 
     Raises:
@@ -253,7 +251,7 @@ def weights_of(name: str, given: Any) -> tuple[float, ...]:
         values = tuple(float(part) for part in _parts(given))
     except ValueError:
         raise WrongInput(
-            f"{name} must be numbers with commas between, got {short(given)}"
+            f"{name} must be numbers separated by commas, got {short(given)}"
         ) from None
     if not all(0 <= value <= LARGEST_WEIGHT for value in values):
         raise WrongInput(f"{name} must be from 0 to {LARGEST_WEIGHT:g}, got {short(given)}")

@@ -1,4 +1,4 @@
-"""Controllers of users, named on the command line and imported from Python's path."""
+"""Controllers of users, imported by the name that the command line gives."""
 
 import hashlib
 import importlib
@@ -18,7 +18,7 @@ from ftc import GuardedController
 
 
 def controller_label(name: str) -> str:
-    """Return a short name for tables and files: that of the factory."""
+    """Return the factory's name, a short label for tables and files."""
     return re.sub(r"\W", "_", name.partition(":")[2])
 
 
@@ -28,7 +28,7 @@ def controller_factory(name: str) -> Callable[..., Any]:
     The current folder is appended to the import path, for worker processes as well.
 
     Raises:
-        WrongInput: There is no such factory.
+        WrongInput: There is no such factory, or its module cannot be imported.
     """
     module_name, _, path = name.partition(":")
     if not all(part.isidentifier() for part in (*module_name.split("."), *path.split("."))):

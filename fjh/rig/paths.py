@@ -22,8 +22,8 @@ def path_of(
 ) -> Array:
     """Return desired major displacements at each tick, shape (N, rows), in [rad] or [m].
 
-    A spiral or circle is in the first two rows, or a sine in the only one; the others stay at zero.
-    A circle starts at rest at the start, and steps go out and back along one row after the other.
+    A spiral or circle uses the first two rows (a single row moves as a sine), and other rows stay
+    at zero. A circle starts at rest at zero; steps go out and back along one row after the other.
 
     Args:
         name: One of `PATHS`, or FILE.npz with `time_s` and `desired`.

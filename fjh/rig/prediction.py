@@ -24,23 +24,22 @@ _PULSE_S = 3.0
 """Length of the noise impulse response, in periods of the crossover."""
 
 MARGINAL = 1 + 1e-9
-"""Largest pole radius that counts as stable: it is an integrator that the mapping does not excite.
+"""Largest pole radius that counts as stable: integrators that the mapping does not excite have 1.
 """
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Predicted RMS of desired minus true displacements, before the first failure and from it on.
+    """Predicted RMS of desired minus true displacements, before and after the first failure.
 
-    It is NaN for a part without ticks, and after an actuator has left its range.
+    An RMS is NaN for a part of the run without ticks, and if an actuator has left its range.
 
     Attributes:
         rms_before: RMS error of each major row before the first failure, (m1,), [rad] or [m].
         rms_after: RMS error from the first failure on, (m1,).
-        leaves: Actuator that leaves its range, from where on the linear model is invalid; None if
-            all stay in range.
-        error: Desired minus true displacements at each tick, (N, m1), without unknown noise.
-        rms: RMS error of the complete run, (m1,).
+        leaves: Name of the actuator that leaves its range; None if all stay in range.
+        error: Desired minus true displacements at each tick, (N, m1), without averaged noise.
+        rms: RMS error over the complete run, (m1,).
     """
 
     rms_before: Array
@@ -51,7 +50,7 @@ class Prediction:
 
 
 InformedAt = bool | Sequence[float | None]
-"""Times [s] at which a controller is informed of each failure; True is at onset, False never."""
+"""Times [s] at which a controller is informed of each failure, None: never; True: at onset."""
 
 
 def predicted(
@@ -69,11 +68,11 @@ def predicted(
 ) -> Prediction:
     """Return the predicted errors of a run; see :meth:`fjh.rig.Rig.predict`.
 
-    The plant is linear about its start and changes with each fault. The mapping is that of the
-    start, and is reconfigured at the tick at which the controller is informed of a fault; the
-    actuators start from their positions there, and their secondary motion does not fade. Unknown
-    noise is white. `bent` is a further deviation of the task from the linear model, of the shape of
-    the path.
+    The plant is linear about its start and changes with each fault. The mapping, that of the start
+    posture, is reconfigured at the tick at which the controller is informed of a fault; then the
+    actuators start from their present positions, and their secondary motion does not fade. If
+    `noise` is None it is white. `deviation` is added to the task of the linear model, shape (N,
+    m1).
     """
     controller, model, n = rig.controller(goal), fault_model(rig.nominal), rig.nominal.actuators
     x = None if start is None else at_rest(model.A, model.B, rig.period_s) @ start
@@ -118,7 +117,6 @@ def predicted(
 def _changes(
     rig: "Rig", failures: Sequence[Failure], informed: InformedAt
 ) -> list[tuple[int, list[tuple[Fault, bool]]]]:
-    """Return the faults that occur and those that become known, by control tick."""
     check.instance("told", informed, bool, list, tuple, np.ndarray)
     times: Sequence[float | None] = (
         [failure.time_s if informed else None for failure in failures]
@@ -126,7 +124,7 @@ def _changes(
         else informed
     )
     if len(times) != len(failures):
-        expected = f"a time for each of {len(failures)} failures"
+        expected = f"True, False or a time for each of {len(failures)} failures"
         raise ValueError(f"told must be {expected}, got {check.short_repr(informed)}")
     changes = dict[int, list[tuple[Fault, bool]]]()
     for failure, known_s in zip(failures, times, strict=True):
@@ -134,14 +132,13 @@ def _changes(
             if at_s is not None:
                 if check.number("told", at_s) < failure.time_s:
                     given = check.short_repr(informed)
-                    raise ValueError(f"told must be no times before the failures, got {given}")
+                    raise ValueError(f"told must have no time before its failure, got {given}")
                 tick = tick_of(at_s, rig.period_s)
                 changes.setdefault(tick, []).append((Fault.of(failure), is_known))
     return sorted(changes.items())
 
 
 def _dithered(dither: Dither | None, ticks: int, actuators: int, period_s: float) -> Array:
-    """Return the displacements of the dither at each tick, (N, n)."""
     if dither is None:
         return np.zeros((ticks, actuators))
     return np.array([dither.at(tick * period_s) for tick in range(ticks)])
@@ -164,7 +161,7 @@ def _summarized(
     *,
     white: bool,
 ) -> Prediction:
-    """Return the RMS of errors (N, m1) before and after a tick, while actuators are in range.
+    """Return the RMS of errors (N, m1) before and after the tick `first`, NaN beyond ranges.
 
     `stages` are the plants of the two parts; `white` adds the variance of white sensor noise.
     """
@@ -209,7 +206,7 @@ def open_loop(rig: "Rig", goal: Goal, faults: Sequence[Fault] = ()) -> "control.
     Args:
         rig: The robot, its compensators included.
         goal: Goal of the mapping in the nominal posture, including known failures.
-        faults: Faults of the plant, which is reduced to the coordinates that locks leave.
+        faults: Faults of the plant.
     """
     import control  # late, as in ftc.compensator
 
@@ -223,7 +220,7 @@ def open_loop(rig: "Rig", goal: Goal, faults: Sequence[Fault] = ()) -> "control.
 
 
 def pole_radius(L: "control.StateSpace") -> float:
-    """Return the largest pole radius of the closed loop: stable up to `MARGINAL`."""
+    """Return the largest pole radius of the closed loop, which is stable up to `MARGINAL`."""
     import control  # late, as above
 
     return float(np.abs(control.feedback(L, np.eye(L.noutputs)).poles()).max())
@@ -232,7 +229,7 @@ def pole_radius(L: "control.StateSpace") -> float:
 def loop_peak(rig: "Rig", goal: Goal, faults: Sequence[Fault] = ()) -> float:
     """Return the peak over frequency of the largest singular value of the sensitivity (I + L)^-1.
 
-    Its inverse is the distance of all loops together, coupling included, to instability; a
+    The inverse of the peak is the stability margin of all loops together, including coupling; a
     well-damped single loop has a peak below 2.
     """
     return sensitivity_peak(open_loop(rig, goal, faults))

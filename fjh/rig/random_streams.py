@@ -11,12 +11,12 @@ Family = Literal["uniform", "lognormal"]
 (:data:`CORRELATION`), with the same standard deviation."""
 
 CORRELATION = 0.5
-"""Correlation of the log-factors of one parameter: parts come from one batch."""
+"""Correlation of the logarithms of one parameter's factors, as for parts of one batch."""
 
 
 @dataclass(frozen=True)
 class RandomStreams:
-    """Random streams of a machine by purpose; adding one does not change the others."""
+    """Random streams of a machine by purpose: samples for one purpose do not change the others."""
 
     number: int
     family: Family = "uniform"
@@ -30,7 +30,7 @@ class RandomStreams:
         return np.random.default_rng(self.seed(purpose)).uniform(-1, 1, size)
 
     def factors(self, purpose: str, size: int, half_width: float) -> NDArray[np.float64]:
-        """Return factors about 1, shape (size,), for a uniform distribution's half width."""
+        """Return random factors about 1, shape (size,), of this half width (if uniform)."""
         if self.family == "uniform":
             return 1 + half_width * self.uniform(purpose, size)
         common, *independent = np.random.default_rng(self.seed(purpose)).standard_normal(1 + size)

@@ -1,4 +1,4 @@
-"""Check that a path is reachable, and comparison of a run with the linear model."""
+"""Check of reachability of a path, and comparison of a run with the linear model."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,22 +15,22 @@ from ftc.fdi import Dither
 from sim import Array, Failure
 
 _POINTS = 100
-"""Number of points of the path that are checked, in its order."""
+"""Largest number of points of the path that are checked."""
 _STEPS = 4
 """Gauss-Newton steps to each point."""
 _SHORT = 0.02
 """Tolerance of the reachability check, as a fraction of the path size."""
 AGREES = 0.2
-"""Accepted relative error of the predicted RMS error, over all major rows."""
+"""Largest accepted relative error of the predicted RMS error over all major rows."""
 _OFTEN = 0.01
-"""Fraction of the time at the largest force from which an actuator counts as saturated."""
+"""Fraction of the time at its largest force above which an actuator counts as saturated."""
 
 
 def check_reachable(rig: Rig, path: Array) -> None:
-    """Raise unless the healthy robot can follow a path within its limits.
+    """Raise `WrongInput` unless the healthy robot can follow a path within its limits.
 
     Raises:
-        WrongInput: The path leaves the reachable set; with the time and the active limits.
+        WrongInput: The path is out of reach; the message states time and active limits.
     """
     mapping = rig.mapping(rig.goal)
     pose, commanded = mapping.nominal, np.zeros(mapping.actuators)
@@ -49,10 +49,10 @@ def check_reachable(rig: Rig, path: Array) -> None:
 
 
 def beyond_linear_range(rig: Rig, run: Run, ratio: float) -> str | None:
-    """Return a sentence if a path leaves the range of the linear model at the start, else None.
+    """Return a sentence if a path is beyond the range of the linear model at the start, else None.
 
-    The task deviates from the linear model because its geometry is curved. An error of `ratio`
-    times the predicted one is attributed to the path if this deviation explains it.
+    The curved geometry makes the task deviate from the linear model. If this deviation explains an
+    error of `ratio` times the predicted one, the path is too large.
     """
     path, noise = run.desired, np.nan_to_num(run.measured - run.true)
     mapping = rig.mapping(rig.goal)
@@ -126,8 +126,8 @@ def first_tick(run: Run) -> int:
 def predictor(rig: Rig, run: Run, dither: Dither | None) -> Callable[..., Prediction]:
     """Return a predictor of a run with its actual sensor noise, zero for missing samples.
 
-    For a run with events, the prediction before the first event is valid: a failure without effect
-    marks its time.
+    For a run with events only the prediction before the first event is valid; a failure without
+    effect marks its time.
     """
     failures: Sequence[Failure] = run.failures
     if run.events:
@@ -137,9 +137,9 @@ def predictor(rig: Rig, run: Run, dither: Dither | None) -> Callable[..., Predic
 
 
 def limited_by(rig: Rig, run: Run, predicted: Prediction) -> str | None:
-    """Return a sentence that names the largest source of squared error, if it is known.
+    """Return a sentence that names the largest source of squared error; None if it is unknown.
 
-    Saturation is read from the run, the other sources from the linear model without them.
+    Saturation is determined from the run, other sources by leaving each out of the linear model.
     """
     cut, often = first_tick(run), run.saturated.mean(axis=0)
     often[[failure.number for failure in run.failures]] = 0.0
@@ -166,7 +166,7 @@ def limited_by(rig: Rig, run: Run, predicted: Prediction) -> str | None:
 
 
 def _at_limits(rig: Rig, commanded: Array) -> str:
-    """Return a clause that names the actuators at a limit, empty if there are none."""
+    """Return a clause that names the actuators at a limit; empty without any."""
     if rig.limits is None:
         return ""
     lower, upper = rig.limits

@@ -1,4 +1,4 @@
-"""A robot with its control loops: simulate runs, predict their errors, inject failures."""
+"""Robot with its control loops: simulates runs with failures and predicts their errors."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -60,10 +60,10 @@ MOST_TICKS = 100_000_000
 
 @dataclass(frozen=True)
 class Rig:
-    """A robot with its plant, control loops and diagnosis.
+    """Robot with its plant, control loops and diagnosis, for simulated runs with failures.
 
     Attributes:
-        title: Name for people.
+        title: Name of the robot in text.
         model: Model of the complete file; the controller has a model of the task's part.
         actuators: Names of the actuators: those of the file; for several on one joint or tendon, or
             one without a name, the name of the joint or tendon.
@@ -76,7 +76,7 @@ class Rig:
         encoder_noise: Standard deviation of the sensors of the actuators, [rad] or [m].
         travel: Lower and upper displacements (n,) at which the plant's actuators can rest.
         task: Description of the task for controllers of other packages.
-        warnings: Parts left out of the model, clamped or settled starts, dry friction.
+        warnings: Sentences on parts left out, changed start positions, dry friction.
         payload_body: Number of the body that carries the task frame.
         control: Loops and nominal model of the diagnosis: a :class:`ftc.tracking.Tracking`, or the
             hexapod's `HexapodControl` of `fjh.rig.hexapod.rig`, with the same members.
@@ -88,7 +88,7 @@ class Rig:
         dither: Dither that "default" stands for in :meth:`supervisor`.
         part: Part of the model that the task involves; None is the complete model.
         file: MJCF file as given by the user; None is the hexapod's own.
-        soft_locks: Numbers of actuators whose lock is compliant; a warning says so.
+        soft_locks: Numbers of the actuators whose lock is compliant, as a warning states.
     """
 
     title: str
@@ -124,10 +124,10 @@ class Rig:
         """Return the testbed's hexapod: detector, amplifiers, closed-form kinematics, goal W_a.
 
         Args:
-            size: Radius of its path, [rad]; None is that of the testbed's spiral.
-            feedforward: Whether the path is demanded through :meth:`feedforward_demands`; in the
-                paper it is not.
-            mismatch: How the plant differs from the controller's model.
+            size: Radius of the default path, [rad]; None is that of the testbed's spiral.
+            feedforward: Whether the controller adds :meth:`feedforward_demands`; in the paper it
+                does not.
+            mismatch: Differences between plant and model: "exact", "all", or sizes.
             seed: Seed of the sampled plant.
         """
         from fjh.rig.hexapod.rig import hexapod_rig  # late: that module imports this one
@@ -164,23 +164,23 @@ class Rig:
 
         Args:
             file: MJCF file.
-            major: Rows of the twist [rx, ry, rz, x, y, z], turns about the axes and then motions
-                along them, that are controlled exactly: names, or numbers 0 to 5.
-            site: Task frame: a site, or a body; by its number where it has no name.
-            axes: Site that gives the axes; None is the world.
+            major: Rows of the twist to control exactly: names among rx, ry, rz (rotations about the
+                axes), x, y, z (translations), or numbers 0 to 5.
+            site: Task frame: a site or a body, by name, or by number if it has no name.
+            axes: Site whose axes are those of the twist; None is the world.
             start: Keyframe by name or number, or joint positions (nq,); None is the first keyframe,
-                or qpos0. Positions outside a joint's range are moved inside, which a warning says;
-                a collision gives a warning, too.
+                or qpos0. Positions outside a joint's range are clamped; `warnings` reports this,
+                and collisions.
             sense: Sensors of the diagnosis: a sensor of the task, encoders, or both.
             noise: Standard deviation of one sample of each sensor, [rad] or [m]; None is a
                 hundredth of the sensor's amplitude on a path of the default size: 0.01 mrad for a
                 row, or 1e-5 of the model's extent.
-            servo_hz: Natural frequency of the position servos that are added to torque motors.
-            feedforward: Whether the path is demanded through :meth:`feedforward_demands`, in
-                addition to the loops' feedback.
-            pinned: Frames fixed to the world, such as feet: names of sites or bodies, welded, or
-                "NAME:point" for those that may rotate.
-            mismatch: How the plant differs from the controller's model.
+            servo_hz: Natural frequency of position servos that are added to torque motors, [Hz].
+            feedforward: Whether the controller adds :meth:`feedforward_demands` to the loops'
+                feedback.
+            pinned: Sites or bodies fixed to the world, such as feet: "NAME" is welded, "NAME:point"
+                may rotate.
+            mismatch: Differences between plant and model: "exact", "all", or sizes.
             seed: Seed of the sampled plant.
             loops: Further options of :class:`fjh.rig.options.RobotOptions`: `crossover` [Hz],
                 `period` [s], `size`, `joint_weight`, `secondary_weight`, `limits`.
@@ -241,7 +241,7 @@ class Rig:
         return model_sha256(self.file)
 
     def number(self, actuator: int | str) -> int:
-        """Return the number of an actuator given by number, by name, or by its joint's name.
+        """Return the number of an actuator, given by its number, its name, or its joint's name.
 
         Raises:
             WrongInput: There is no such actuator; the message suggests the nearest name.
@@ -256,17 +256,17 @@ class Rig:
 
     @property
     def goal(self) -> Goal:
-        """Goal of the controller without failures."""
+        """Goal of the controllers, without failures."""
         return self.control.goal
 
     @property
     def nominal(self) -> NominalModel:
-        """Linear model from displacements to the major rows."""
+        """Linear model from commanded displacements (n,) to the major rows (m1,)."""
         return self.control.nominal
 
     @property
     def diagnosis_model(self) -> NominalModel:
-        """Linear model from displacements to the measurements of the diagnosis."""
+        """Linear model from commanded displacements (n,) to the measurements of the diagnosis."""
         return self.control.diagnosis_model
 
     @property
@@ -276,7 +276,7 @@ class Rig:
 
     @property
     def margins(self) -> Sequence[Margins]:
-        """Stability margins of each loop."""
+        """Stability margins of the loops, one for each major row."""
         return self.control.margins
 
     @property
@@ -286,7 +286,7 @@ class Rig:
 
     @property
     def feedforward(self) -> bool:
-        """Return True if a path is demanded through the inverse of the linear model."""
+        """True if controllers add :meth:`feedforward_demands`."""
         return self.control.feedforward
 
     @property
@@ -295,10 +295,10 @@ class Rig:
         return self.control.unused
 
     def with_mismatch(self, mismatch: Known | Mismatch, seed: int) -> "Rig":
-        """Return the same rig with a plant that differs from the controller's model.
+        """Return the same rig on a sampled plant that differs from the controller's model.
 
         Raises:
-            WrongInput: The robot has no mismatch of one of these kinds.
+            WrongInput: The name is unknown, or a size does not apply to the robot.
         """
         machine = self.machine
         sizes = sizes_of(mismatch, machine.everything, machine.unknown)
@@ -309,13 +309,13 @@ class Rig:
         return self.control.mapping(check.instance("goal", goal, Goal))
 
     def controller(self, goal: Goal | None = None) -> PrioritizedController[Any]:
-        """Return a controller without diagnosis; a goal of None is that of the rig."""
+        """Return a controller without diagnosis for a goal; None is the goal of the rig."""
         return self.control.controller(self._goal(goal))
 
     def reconfigured(self, before: Goal, after: Goal, time_s: float) -> OracleController:
-        """Return a controller that switches from one goal to another at a given time [s].
+        """Return a controller without diagnosis that switches between two goals at a time [s].
 
-        It is an oracle: the time is that at which the failures of the second goal become known.
+        Used for comparison: it is informed of the failures of the goal `after` at `time_s`.
         """
         check.instance("before", before, Goal)
         check.instance("after", after, Goal)
@@ -348,18 +348,18 @@ class Rig:
         return self.machine.bench(time_s, failures, seed, events)
 
     def classified(self, faults: Sequence[Fault]) -> Manipulability:
-        """Return the manipulability of the remaining actuators with these faults."""
+        """Return the manipulability of the major task after these faults."""
         return self.control.classified(faults)
 
     def reached(self, pose: Pose) -> Array:
-        """Return the major rows (N, m1) of poses of the task frame, as its sensors measure them."""
+        """Return the major rows, [rad] or [m], shape (N, m1), of N poses of the task frame."""
         return self.coordinates(check.instance("pose", pose, Pose))[:, list(self.major)]
 
     def path(self, name: str, *, duration_s: float, turn_s: float = 4.0) -> Array:
-        """Return desired displacements of the major rows at each tick, shape (N, m1).
+        """Return desired displacements of the major rows at each tick, (N, m1), [rad] or [m].
 
         Args:
-            name: Path as for :func:`fjh.rig.paths.path_of`.
+            name: "spiral", "circle", "steps", or FILE.npz with `time_s` (K,), `desired` (K, m1).
             duration_s: Duration of the path [s].
             turn_s: Time of one turn [s].
         """
@@ -385,14 +385,13 @@ class Rig:
         return desired
 
     def _goal(self, goal: Goal | None) -> Goal:
-        """Return the given goal, or that of the rig for None."""
         return self.goal if goal is None else check.instance("goal", goal, Goal)
 
     def feedforward_demands(self, path: Array) -> Array | None:
-        """Return the demands with which the healthy machine follows a path (N, m1), shape (N, m1).
+        """Return the demands (N, m1) with which the healthy machine follows a path (N, m1).
 
-        They are the inverse of the linear model; None if :attr:`feedforward` is off. After a
-        failure they are not changed; the compensators correct the difference.
+        The demands result from the inverse of the linear model; None if :attr:`feedforward` is
+        False. A failure does not change them: the compensators correct the difference.
         """
         path = self._checked_path(path)
         if not self.feedforward:
@@ -420,15 +419,14 @@ class Rig:
             failures: Failures that occur, actuators by name or number.
             seed: Seed of the noise of all sensors.
             begin_s: Time of the first tick [s].
-            lead_in_s: Time [s] for which the loop is closed about zero before the path starts,
-                which is not logged; failures at the first tick occur at the start of the lead-in.
-            events: Further events: a sequence of :class:`fjh.rig.events.Event`, random sizes by
-                `seed`, or an object with hooks as for :class:`sim.Bench`, or a sequence of both.
+            lead_in_s: Duration [s] of control about zero before the path starts, which is not
+                logged; failures at the first tick occur at the start of this lead-in.
+            events: List of :class:`fjh.rig.events.Event`, with random parameters by `seed`, and of
+                objects with hooks as for :class:`sim.Bench`; or one such object.
             on_tick: Called with the number of completed ticks.
 
         Raises:
-            WrongInput: A failure of an actuator that the robot does not have, or an event that does
-                not apply.
+            WrongInput: A failure's actuator does not exist, or an event does not apply.
             sim.SimulationDiverged: The simulated state became non-finite.
         """
         check.attributes("controller", controller, "start", "step")
@@ -467,7 +465,7 @@ class Rig:
         start: ArrayLike | None = None,
         floor_m_per_s2: ArrayLike | None = None,
     ) -> Prediction:
-        """Predict the RMS errors of a path that starts at time 0 with the linear model.
+        """Predict with the linear model the RMS errors of a run that starts at time 0 s.
 
         Args:
             path: Desired displacements as for :meth:`fly`.

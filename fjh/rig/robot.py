@@ -1,4 +1,4 @@
-"""A robot of an MJCF file at its start: model, sensors, goal, control period."""
+"""Robot of an MJCF file at its start: model, sensors, goal, control period."""
 
 import math
 from collections.abc import Sequence
@@ -21,17 +21,17 @@ from sim.plant import beyond_linear
 from sim.scene import Scene, robot_scene
 
 _SIZE = 1e-3
-"""Radius of the default path, in radians or extents of the model: the linear model holds there."""
+"""Radius of the default path, in [rad] or extents of the model; the linear model holds there."""
 _SPRING_SHARE = 0.5
-"""Share of an actuator's stiffness from which its own spring fixes it without force."""
+"""Fraction of an actuator's stiffness above which its own spring holds it without force."""
 _NOISE = 1e-2
-"""Default sensor noise as a fraction of the signal's amplitude on the default path: of a row its
-size, of all actuators the largest displacement. Longer paths do not change it."""
+"""Default sensor noise as a fraction of the signal's amplitude on the default path: the path's size
+for a row, the largest displacement of any actuator for encoders."""
 
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot at its start: scene, options, control period, goal and size of its path."""
+    """Robot at its start: scene, options, control period, goal and size of its path."""
 
     scene: Scene
     options: RobotOptions
@@ -56,7 +56,7 @@ class Robot:
 
     @property
     def deviations(self) -> Array:
-        """Standard deviations of the diagnosis' measurements: major rows, then actuators."""
+        """Standard deviations of the measurements for the diagnosis: major rows, then actuators."""
         of_task = [self.noise] * len(self.options.major) * (self.options.sense != "joints")
         actuators = len(self.mechanism.nominal.displacements)
         of_encoders = [self.encoder_noise] * actuators * (self.options.sense != "task")
@@ -92,7 +92,7 @@ class Robot:
 
     @cached_property
     def mechanism(self) -> Mechanism:
-        """The controller's own model, shared by all readers because it has no state."""
+        """Controller's own model of the task's part, shared because it has no state."""
         return self._mechanism(springs=True) if self.springs_determine else self.rigid
 
     @cached_property
@@ -102,13 +102,13 @@ class Robot:
 
     @property
     def springs_count(self) -> bool:
-        """Return True if the classification is that of the elastic mechanism."""
+        """True if classifications are those of the elastic mechanism."""
         # Without springs, a free strut or a finger on one cable would count as lost.
         return self.unused == "locked" or self.springs_determine
 
     @cached_property
     def springs_determine(self) -> bool:
-        """Return True if springs, rather than actuators and loops, fix the major rows."""
+        """True if springs, rather than actuators and loops, determine the major rows."""
         jac, major = self.rigid.nominal, list(self.options.major)
         rigid = ConstrainedSystem.of(jac).kinematics().manipulability(major)
         if not rigid.unstable_major or jac.stiffness is None:
@@ -117,7 +117,7 @@ class Robot:
 
     @cached_property
     def rigid(self) -> Mechanism:
-        """The controller's own model without springs."""
+        """Controller's own model without springs."""
         return self._mechanism(springs=False)
 
     def _mechanism(self, *, springs: bool) -> Mechanism:
@@ -128,9 +128,9 @@ class Robot:
 def robot_of(
     file: Path, options: RobotOptions, at: Array | None = None, *, settle: bool = True
 ) -> Robot:
-    """Return the robot of a file; `at` are positions (nq,) of the start, None is the keyframe.
+    """Return the robot of a file at joint positions `at` (nq,), or at its keyframe if None.
 
-    `settle` is that of :func:`sim.scene.robot_scene`.
+    `settle` is the argument of :func:`sim.scene.robot_scene`.
 
     Raises:
         WrongInput: The robot lacks the keyframe, or has another number of weights.
@@ -151,16 +151,15 @@ def robot_of(
 
 
 def _usual_size(model: mujoco.MjModel, rows: Sequence[int]) -> float:
-    """Return the default path size in these rows, [rad] if all are rotations, else [m]."""
     return _SIZE if all(row < 3 for row in rows) else _SIZE * float(model.stat.extent)
 
 
 def warnings_of(robot: Robot) -> tuple[str, ...]:
-    """Return sentences about what the linear model and the mapping leave out."""
+    """Return sentences on what the linear model and the mapping leave out."""
     scene, free = robot.scene, robot.linear.unobservable_joints
     return (
         *left_out_of(robot),
-        *([f"no force restores, and no task depends on, {listed(free)}"] if free else ()),
+        *([f"neither forces nor the task determine {listed(free)}"] if free else ()),
         *scene.start_warnings,
         *robot.mechanism.nominal.warnings,
         *beyond_linear(scene.task_model, scene.task_start),
@@ -193,7 +192,6 @@ def _start(model: mujoco.MjModel, *, keyframe: str | None, at: Array | None) -> 
 
 
 def _goal(actuators: int, options: RobotOptions) -> Goal:
-    """Return the goal with weights W1 and W2; without either, all joint weights are one."""
     joint, others = options.joint_weight, options.secondary_weight
     if joint is None and others is None:
         joint = (1.0,)
@@ -205,7 +203,6 @@ def _goal(actuators: int, options: RobotOptions) -> Goal:
 
 
 def _weights(name: str, values: tuple[float, ...] | None, count: int) -> tuple[float, ...] | None:
-    """Return `count` weights; a single one is repeated."""
     if values is None or len(values) == count:
         return values
     if len(values) != 1:

@@ -1,4 +1,4 @@
-"""The plant of any MJCF robot with sensors and drives, with a mismatch to the model."""
+"""Plant of any MJCF robot with sensors and drives, and a mismatch to the controller's model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ SIZES = ("gain", "damping", "inertia", "delay_ticks", "drift_per_s", "steps")
 
 @dataclass(frozen=True)
 class RobotMachine:
-    """A robot at its start, and the mismatch of its plant.
+    """Simulated machine of a robot, whose plant differs from the controller's model.
 
     Attributes:
         robot: The robot.
@@ -47,9 +47,9 @@ class RobotMachine:
     ) -> Bench:
         """Return the machine for times (N,), with sensor noise of this seed.
 
-        A plant is commanded by displacements, and compensates its own gains and springs; here the
-        controls are those of the controller's model. Plant and model are at rest at the start: a
-        robot is held there before a run.
+        The controls are those that the controller's model needs for the commanded displacements, so
+        that the plant's own gains and springs are not compensated. The plant is at rest at the
+        start.
         """
         robot, sizes = self.robot, self.sizes
         streams = RandomStreams(self.seed, sizes.family)
@@ -69,7 +69,7 @@ class RobotMachine:
         )
 
     def _sensors(self, seed: int) -> Sensors:
-        """Return task sensors or encoders alone, with zeros that drift at sampled rates."""
+        """Return the sensors, of the task or encoders, whose zeros drift at sampled rates."""
         robot, rows, streams = self.robot, self.robot.options.major, RandomStreams(self.seed)
         per_tick = self.sizes.drift_per_s * robot.period_s
         noise, encoder_noise = robot.noise, robot.encoder_noise
@@ -91,7 +91,7 @@ class DriftingSensors:
     """Sensors whose zeros drift at constant rates from the first reading on."""
 
     def __init__(self, sensors: Sensors, of_task: Array, of_encoders: Array) -> None:
-        """Take the sensors, and the drift of their zeros per tick, (m1,) and (n,)."""
+        """Take the sensors, and the drift per tick of task (m1,) and encoder (n,) zeros."""
         self._sensors, self._rates, self._ticks = sensors, (of_task, of_encoders), 0
 
     def read(self, pose: Pose, displacements: Array) -> Reading:

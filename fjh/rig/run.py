@@ -1,4 +1,4 @@
-"""A run of a robot: its log at every control tick, and the diagnoses of its controller."""
+"""Run of a robot: its log at every control tick, and the diagnoses of its controller."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -32,7 +32,7 @@ class DiagnosedFailure:
         kind: Diagnosed kind of failure.
         time_s: Time of the diagnosis [s].
         withdrawn_s: Time [s] at which the controller withdrew the diagnosis; None is never.
-        acted_s: Time [s] from which the commands take it into account; None is never.
+        acted_s: Time [s] from which the commands account for the diagnosed failure; None is never.
     """
 
     actuator: str
@@ -68,10 +68,9 @@ class Run:
         failures: Failures that occurred, in order of time, actuators by number.
         state: State of the controller after the last tick.
         diagnoses: Diagnoses of the controller, in order of time.
-        task_lost: True if the controller's diagnosis leaves the major task not fully reachable.
+        task_lost: True if the diagnosis leaves the major task not fully reachable.
         undiagnosed: Reason why the controller diagnosed nothing; None if it diagnosed a failure.
-        lost: Sentence that the major task is lost, by the errors of the run or by the controller's
-            diagnosis; None if it is not lost.
+        lost: Sentence if the major task is lost, by errors or diagnosis; else None.
         status: Summary of the run for people: `lost`, then the diagnoses.
         events: Named events that occurred, in order of time.
     """
@@ -102,16 +101,16 @@ class Run:
 
     @cached_property
     def task(self) -> Array:
-        """Return the true displacement [rotation vector; translation] of the task frame, (N, 6)."""
+        """True displacement [rotation vector; translation] of the task frame, (N, 6)."""
         return self.pose.displacement()
 
     @property
     def error(self) -> Array:
-        """Desired minus true displacements of the major rows, shape (N, m1)."""
+        """Desired minus true displacements of the major rows, shape (N, m1), [rad] or [m]."""
         return self.desired - self.true
 
     def rms(self, ticks: slice = slice(None)) -> Array:
-        """Return the RMS error of each major row over some ticks, shape (m1,), [rad] or [m]."""
+        """Return the RMS error of each major row over a slice of ticks, (m1,), [rad] or [m]."""
         return rms(self.error[ticks])
 
     @property
@@ -134,7 +133,7 @@ def rms(signal: Array) -> Array:
 
 
 def tick_of(time_s: float, period_s: float) -> int:
-    """Return the first control tick at or after a time since tick 0, rounded to 1e-6 of a tick."""
+    """Return the first control tick at or after a time since tick 0, to 1e-6 of a tick."""
     return ceil(time_s / period_s - 1e-6)
 
 
@@ -177,12 +176,12 @@ def run_of(
     logged: slice,
     since: int = 0,
 ) -> Run:
-    """Collect the logs of a machine and its control loop for some ticks as a run.
+    """Return the run in the logs of a machine and its control loop.
 
     Args:
         rig: The robot.
         bench: Its machine.
-        looped: Log of the loop of controller and machine.
+        looped: Log of the control loop.
         time_s: Times of all ticks, (N,).
         desired: Desired displacements at all ticks, (N, m1).
         failures: Failures that occurred.
@@ -219,7 +218,7 @@ def run_of(
 
 
 _LOST = 5.0
-"""RMS error in path sizes beyond which the task is lost: standing still would cost one."""
+"""RMS error, in sizes of the path, beyond which the task is lost; a robot at rest has about 1."""
 
 
 def _lost(
@@ -334,16 +333,16 @@ _UNEXPLAINED = "there was an alarm that no single failure explains"
 
 
 def _undiagnosed(state: Any, names: Sequence[str]) -> str:
-    """Return the reason why no failure was diagnosed."""
+    """Return a clause with the reason why no failure was diagnosed."""
     if not isinstance(state, SupervisorState):
         return "this controller does not diagnose"
     if state.monitor_state.unexplained:
         return _UNEXPLAINED
     if state.monitor_state.alarm_ticks:
         causes = dict.fromkeys(explanation(cause, names) for cause in state.monitor_state.causes)
-        return f"there was an alarm, explained by {' and '.join(causes) or 'nothing yet'}"
+        return f"there was an alarm, attributed to {' and '.join(causes) or 'no cause yet'}"
     if state.is_learning:
-        return f"it assumes that nothing fails in the first {LEARNING_S:g} s"
+        return f"the diagnosis assumes that nothing fails in the first {LEARNING_S:g} s"
     return "the sensors agree with the prediction of the model without a failure"
 
 
@@ -352,7 +351,7 @@ def status_of(rig: "Rig", state: Any, diagnosed: Sequence[DiagnosedFailure]) -> 
     sensors: Sensors | None = getattr(state, "sensors", None)
     read = ""
     if sensors is not None and sensors.failed:
-        read = f"; at its end {sensors.sentence(rig.period_s)}"
+        read = f"; at the end of the run {sensors.sentence(rig.period_s)}"
     if not isinstance(state, SupervisorState):
         return f"This controller does not diagnose{read}."
     sentence = "; ".join(map(str, diagnosed)) or (
@@ -364,7 +363,7 @@ def status_of(rig: "Rig", state: Any, diagnosed: Sequence[DiagnosedFailure]) -> 
 
 
 class _Counted:
-    """A machine in the loop that reports the number of completed ticks."""
+    """Machine for a control loop that reports the number of completed ticks."""
 
     def __init__(self, bench: Bench, on_tick: Callable[[int], None]) -> None:
         self.measure, self._bench, self._on_tick, self._done = bench.measure, bench, on_tick, 0

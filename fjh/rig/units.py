@@ -1,4 +1,4 @@
-"""Rows of a twist and units of rows and actuators, in published numbers and in sentences."""
+"""Names of a twist's rows, and units of rows and actuators in data and in text."""
 
 from collections.abc import Iterable, Sequence
 from math import hypot
@@ -14,7 +14,7 @@ _PREFIXES = {1.0: "", 1e3: "m", 1e6: "µ", 1e9: "n"}
 def by_unit(name: str, value: Any, units: Sequence[str]) -> dict[str, Any]:
     """Return entries `name_rad` and `name_m`, one for each unit that occurs.
 
-    A list has one value for each of the units, and each entry has the values in its unit, in their
+    A list `value` has one number for each of the units; each entry gets those in its unit, in
     order. A single number, or None, is repeated in each entry.
     """
     entries = {}
@@ -27,13 +27,13 @@ def by_unit(name: str, value: Any, units: Sequence[str]) -> dict[str, Any]:
 
 
 def norms_text(values: Iterable[float], units: Sequence[str]) -> str:
-    """Return the norms of the values of each unit as text: "3.2 µrad and 1.5 mm"."""
+    """Return the norm of all values with the same unit, as text: "3.2 µrad and 1.5 mm"."""
     entries = by_unit("", list(values), units)
     return " and ".join(quantity_text(hypot(*v), unit[1:]) for unit, v in entries.items())
 
 
 def quantity_text(value: float, unit: str) -> str:
-    """Return a number of three digits with a prefixed unit: "131 mm", "2.27 µrad"."""
+    """Return a quantity as text of three digits with a prefixed unit: "131 mm", "2.27 µrad"."""
     factor, prefix = (1.0, "") if unit == "%" else prefixed(abs(float(f"{value:.3g}")))
     return f"{float(f'{factor * value:.3g}'):g} {prefix}{unit}"
 

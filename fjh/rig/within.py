@@ -5,7 +5,7 @@ from typing import Any
 
 
 def check_within(name: str, value: Any, low: float, high: float) -> None:
-    """Raise unless a value is a number within limits; a whole number if the limits are integers.
+    """Check that a value is a number within limits, a whole number if both limits are integers.
 
     Raises:
         ValueError: The value is no number, or outside the limits.

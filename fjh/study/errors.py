@@ -2,16 +2,16 @@
 
 
 class WrongInput(Exception):
-    """The input of a command is invalid; the message states the reason."""
+    """Error that an input of a command is invalid; the message states the reason."""
 
 
 class OutputError(Exception):
-    """The output folder cannot be used; the message states the reason."""
+    """Error that an output folder or file cannot be written; the message states the reason."""
 
 
 class Interrupted(Exception):
-    """Ctrl-C in a command with its own message on the interruption."""
+    """Interruption by Ctrl-C of a command that has its own message."""
 
 
 class Unsound(Exception):
-    """The run ended, but its numbers are not valid."""
+    """Error that a command has no valid numbers: a check failed, or a simulation diverged."""

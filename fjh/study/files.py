@@ -1,4 +1,4 @@
-"""Result files: a set of files is published completely or not at all."""
+"""Writing of result files: a set of files is published completely or not at all."""
 
 import json
 import os
@@ -20,11 +20,11 @@ if TYPE_CHECKING:  # the help text must not depend on the slow import of NumPy
 LOCK, STAGING = ".fjh.lock", ".fjh-staging-"
 
 UNFINISHED = "unfinished.jsonl"
-"""Name of the file with the rows of finished runs until all are published (experiments.study)."""
+"""Name of the file with the rows of finished runs, until all runs are finished and published."""
 
 
 def usable_folder(path: Path, option: str = "--out") -> Path:
-    """Return the folder if it exists or can be made; call this before any work is done.
+    """Return the path of a folder that exists or can be made; call this before any work.
 
     Raises:
         OutputError: The path is a file, lies below one, is not writable, or is invalid.
@@ -45,7 +45,7 @@ def usable_folder(path: Path, option: str = "--out") -> Path:
 
 
 def usable_file(path: Path, suffix: str, option: str = "--out") -> Path:
-    """Return the folder of a file with this suffix, if files can be written there.
+    """Return the folder of a file, after checks of its suffix and of the folder.
 
     Raises:
         OutputError: The file has another suffix, or its folder cannot be used.
@@ -57,7 +57,7 @@ def usable_file(path: Path, suffix: str, option: str = "--out") -> Path:
 
 @contextmanager
 def created_folder(folder: Path) -> Iterator[None]:
-    """Make a folder and its parents; on leaving, remove those made that are empty."""
+    """Make a folder and its parents; at the end of the block remove new ones that are empty."""
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -70,7 +70,7 @@ def created_folder(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Lock a folder against other studies; the system releases the lock when the process ends.
+    """Lock a folder against other studies until the end of the block or of the process.
 
     Raises:
         WrongInput: Another study uses the folder.
@@ -95,10 +95,10 @@ def alone_in(folder: Path) -> Iterator[None]:
 def published(folder: Path, index: str) -> Iterator[Path]:
     """Provide a temporary folder; at the end of the block move its files to `folder`.
 
-    After an error they are deleted. The folder is made if necessary; files of the same names are
-    replaced, and files that the former index lists as `files` and the new set lacks are removed.
-    No other file is touched. The index, which lists the others, is removed first and moved last:
-    if it is present, all files that it lists are.
+    After an error the new files are deleted. The folder is made if necessary; files of the same
+    names are replaced, and files that the former index lists as `files` but that are not among the
+    new ones are removed. No other file is changed. The index is removed first and moved last: if it
+    is present, all files that it lists are present.
 
     Raises:
         OutputError: The folder cannot be written; its former contents are still complete.
@@ -127,7 +127,7 @@ def json_text(content: dict[str, Any]) -> str:
 
 
 def write_index(path: Path, summary: dict[str, Any]) -> dict[str, Any]:
-    """Write the index of a set of files: the summary and `files`, the names of all; return it."""
+    """Write the index of a set of files, the summary with all names as `files`; return it."""
     files = sorted({path.name, *(file.name for file in path.parent.iterdir())})
     content = summary | {"files": files}
     write_json(path, content)
@@ -155,7 +155,7 @@ def _move_all(staging: Path, folder: Path, index: str) -> None:
 
 
 def _listed(index: Path) -> set[str]:
-    """Return the files that an index lists; none if it is missing or of another program."""
+    """Return the file names that an index lists; none if it is missing or invalid."""
     try:
         names = json.loads(index.read_bytes())["files"]
         plain = {name for name in names if Path(name).name == name}

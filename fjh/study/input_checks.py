@@ -8,13 +8,13 @@ from fjh.study.errors import WrongInput
 
 _LISTED = 12
 LARGEST_FILE = 1_000_000_000
-"""Largest size of a file that is read [bytes]; a larger one could fill the memory."""
+"""Largest size [bytes] of a file that is read, so that files cannot fill the memory."""
 
 
 def nearest(name: str, known: Iterable[str], *, listed: bool = False) -> str:
-    """Return the known names most similar to `name` as a question that ends a sentence.
+    """Return the known names most similar to `name`, as text that ends an error message.
 
-    If none is similar, return a list of the known names if `listed`, else empty text.
+    If no name is similar, the text lists the known names if `listed`, and is empty otherwise.
     """
     names = list(dict.fromkeys(filter(None, known)))
     if near := get_close_matches(name, names, 3):
@@ -25,10 +25,10 @@ def nearest(name: str, known: Iterable[str], *, listed: bool = False) -> str:
 
 
 def check_file(path: Path) -> Path:
-    """Return the path if it is a readable file; the error suggests files of similar names.
+    """Check that a path is a readable file, and return it; errors suggest similar file names.
 
     Raises:
-        WrongInput: There is no such file, it is no regular file, or it is too large.
+        WrongInput: There is no such file, the path is no regular file, or the file is too large.
     """
     quoted = f"{str(path)!r:.200}"
     try:
@@ -50,6 +50,6 @@ def check_file(path: Path) -> Path:
 def short(value: object) -> str:
     """Return a value as text of at most 80 characters on one line, for error messages.
 
-    Like `argument_checks.shown`, but without the slow import of NumPy.
+    Same text as `argument_checks.short_repr`, without the slow import of NumPy.
     """
     return " ".join(repr(value).split())[:80]

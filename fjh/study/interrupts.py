@@ -1,6 +1,6 @@
-"""Handling of Ctrl-C, SIGTERM and SIGHUP: one sentence and an exit code.
+"""Handling of Ctrl-C, SIGTERM and SIGHUP by one sentence and an exit code.
 
-Only a small part of the standard library is imported, so that handlers exist before slow imports.
+It imports little, so that the handlers exist before slow imports.
 """
 
 import os
@@ -17,10 +17,10 @@ INTERRUPTION = "interrupted: no file was left half-written"
 _LONGEST = 2000
 
 _TWICE_S = 2.0
-"""Time [s] in which a second signal is ignored: terminals and `timeout` send a signal twice."""
+"""Time [s] in which a second signal is ignored, because terminals and `timeout` send two."""
 
 _received: list[tuple[int, float]] = []
-"""The signal that ends this process, and its time [s]; empty before it."""
+"""Signal that ends this process, with its time [s]; empty before a signal."""
 
 
 def interrupted() -> int:
@@ -29,22 +29,22 @@ def interrupted() -> int:
 
 
 def printable(text: str) -> str:
-    """Return untrusted text on one line, with escaped control characters."""
+    """Return untrusted text on one line, with control characters escaped."""
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def notice(sentence: str) -> None:
-    """Print a sentence on one line of standard error; quoted text may be untrusted."""
+    """Print a sentence, which may quote untrusted text, on one line of standard error."""
     short = sentence if len(sentence) <= _LONGEST else f"{sentence[: _LONGEST - 3]}..."
     with suppress(OSError):  # the terminal may be closed
         print(f"fjh: {printable(short)}", file=sys.stderr, flush=True)
 
 
 def exit_on_interrupt() -> None:
-    """Let signals end the process with one sentence; call this before imports.
+    """Make signals end the process with one sentence; call this before imports.
 
-    A KeyboardInterrupt during an import could be caught or converted by the imported package.
-    Signals that this process ignores, as under `nohup` and in workers, remain ignored.
+    Imported packages could catch or convert a KeyboardInterrupt. Signals that this process ignores,
+    as under `nohup` and in workers, remain ignored.
     """
     for number in SIGNALS:
         if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
@@ -52,7 +52,7 @@ def exit_on_interrupt() -> None:
 
 
 def raise_on_interrupt() -> None:
-    """Let signals raise KeyboardInterrupt, so that workers are ended and files removed."""
+    """Make signals raise KeyboardInterrupt, so that workers end and temporary files are removed."""
     for number in SIGNALS:
         if signal.getsignal(number) is _exit:
             signal.signal(number, _raise)

@@ -1,4 +1,4 @@
-"""Description of a study's parameters for the command line; standard library only."""
+"""Description of a study's parameters for the command line, without slow imports."""
 
 import inspect
 from collections.abc import Callable, Mapping
@@ -11,23 +11,23 @@ NOT_OPTIONS = ("folder", "on_progress")
 """Parameters of studies that are not options of the command."""
 
 Study = Callable[..., Any]
-"""Function that returns a :class:`fjh.study.result.Result`; its name is that of the command,
-its docstring the help text: one line on its purpose; details and duration; files; an example.
+"""Type of a study: a function that returns a :class:`fjh.study.result.Result`. Its name is that of
+the command, its docstring the help text: purpose in one line; details, duration; files; example.
 
-Parameters are options by keyword, `on_progress`, and `folder` if rows are saved there. Each option
-is described by an :class:`Option` in its annotation. A tuple is given as text with commas; a
-parameter that is a dataclass stands for options of its fields.
+Parameters are keyword options, `on_progress`, and `folder` if rows are saved there. An
+:class:`Option` in the annotation describes each option. A tuple is given as comma-separated text; a
+dataclass parameter stands for options of its fields.
 """
 
 
 @dataclass(frozen=True)
 class Option:
-    """Description of a parameter: `Annotated[float, Option("Of the run, in seconds.", "S")]`.
+    """Description of a parameter, as in `Annotated[float, Option("Duration in seconds.", "S")]`.
 
     Attributes:
-        help: Line in the help text.
-        metavar: Placeholder of the value in the help text; None: its type.
-        positional: Whether the option has no name on the command line.
+        help: Sentence in the help text.
+        metavar: Placeholder of the value in the help text; None: the name of its type.
+        positional: Whether it is an argument without a name on the command line.
         bounds: Least and largest value of a number.
         listed: Whether the help text lists the option, or the fields of a dataclass.
     """
@@ -40,14 +40,14 @@ class Option:
 
 
 def seed_of(what: str) -> Option:
-    """Return the option of a study's seed."""
+    """Return the description of a study's option for the seed of `what`."""
     return Option(f"Seed of {what}.", "N", bounds=(0, 2**32 - 1))
 
 
 def described(name: str, annotation: Any, default: Any) -> inspect.Parameter:
-    """Return a keyword-only parameter with the annotation `Annotated[kind, Option]`.
+    """Return a keyword-only parameter annotated `Annotated[kind, Option]`.
 
-    Without an Option in `annotation` the description is empty.
+    If `annotation` has no Option, the description is empty.
 
     Raises:
         TypeError: The annotation is `Annotated` with another object.
@@ -62,7 +62,7 @@ def described(name: str, annotation: Any, default: Any) -> inspect.Parameter:
 
 
 def options_of(study: Study) -> list[inspect.Parameter]:
-    """Return the options of a study as :func:`described` does, with those of dataclass fields."""
+    """Return the options of a study, including those of dataclass fields; see :func:`described`."""
     options = []
     for argument in inspect.signature(study).parameters.values():
         if argument.name in NOT_OPTIONS:
@@ -83,11 +83,11 @@ def _unlisted(parameter: inspect.Parameter) -> inspect.Parameter:
 
 
 def command_arguments(study: Study, values: Mapping[str, Any]) -> list[str]:
-    """Return the command-line arguments for values of options, without those at their default.
+    """Return the command-line arguments for values of options that differ from their defaults.
 
     Args:
         study: Function of the study.
-        values: Values by name; names that are no options are ignored.
+        values: Values by name; other names than those of options are ignored.
     """
     positional, flags = list[str](), list[str]()
     for option in options_of(study):

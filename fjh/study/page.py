@@ -1,4 +1,4 @@
-"""Self-contained HTML pages from templates: one style, embedded figures, escaped content."""
+"""Self-contained HTML pages from templates, in one style, with embedded figures."""
 
 import base64
 from pathlib import Path
@@ -12,7 +12,7 @@ def rendered(package: str, template: str, **content: Any) -> str:
     """Return the HTML of a template of a package.
 
     The template may extend `page.html.j2` and import macros from `parts.html.j2` (in `fjh.study`).
-    Its names are `content` and `data_uri`; any other name is an error.
+    It can use the names in `content` and `data_uri`; any other name is an error.
     """
     # Late: the help text must not depend on the slow import.
     from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
@@ -28,7 +28,7 @@ def rendered(package: str, template: str, **content: Any) -> str:
 
 
 def data_uri(file: Path) -> str:
-    """Return a picture file as a data URI, so that the page needs no other file."""
+    """Return a picture file as a data URI, which embeds it in a page."""
     encoded = base64.b64encode(file.read_bytes()).decode("ascii")
     return f"data:image/{file.suffix[1:].replace('svg', 'svg+xml')};base64,{encoded}"
 

@@ -1,4 +1,4 @@
-"""Figures for print: widths, colours, style and files. No display is needed."""
+"""Figures for print: widths, colours, style and files, without a display."""
 
 import warnings
 from collections.abc import Iterator
@@ -13,15 +13,15 @@ from matplotlib.ticker import LogLocator, NullLocator
 from fjh.study.palette import BLACK, BLUE, VERMILION
 
 PAGE_IN = 7.16
-"""Width [inch] of a figure across both columns of a page; `COLUMN_IN`: of one column."""
+"""Width [inch] of a figure across two columns of a page; that across one is `COLUMN_IN`."""
 COLUMN_IN = 3.5
 
 DESIRED, MEASURED, START = BLACK, BLUE, VERMILION
 COLOR_MAP = "cividis"
-"""Colour map of a quantity: perceptually uniform, also for colour-blind readers."""
+"""Colour map of quantities, perceptually uniform also for colour-blind readers."""
 
 TEXT_PT, TITLE_PT = 7, 8
-"""Sizes of all text [pt]: 7 pt is the smallest that journals print."""
+"""Sizes of text and titles [pt]; 7 pt is the smallest that journals print."""
 
 _NO_DATE = {"png": {}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
@@ -45,12 +45,12 @@ matplotlib.rc("svg", fonttype="path", hashsalt="fjh")
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """Return an empty figure of this size in print, with a layout without overlaps."""
+    """Return an empty figure of this printed size [inch], laid out without overlaps."""
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
 def one_legend(figure: Figure, columns: int) -> None:
-    """Add one legend below all panels, with each label once."""
+    """Add a legend below all panels, with each label once."""
     entries = {}
     for axes in figure.axes:
         handles, labels = axes.get_legend_handles_labels()
@@ -59,7 +59,7 @@ def one_legend(figure: Figure, columns: int) -> None:
 
 
 def logarithmic(axes: Axes, names: str) -> None:
-    """Set logarithmic scales on x, y or both ("xy") with ticks at 1, 2, 5 of each decade."""
+    """Set logarithmic scales on the axes "x", "y" or "xy", with ticks at 1, 2, 5 of each decade."""
     for name in names:
         axes.set(**{f"{name}scale": "log"})
         axis = getattr(axes, f"{name}axis")
@@ -70,14 +70,14 @@ def logarithmic(axes: Axes, names: str) -> None:
 
 @contextmanager
 def names_in_any_script() -> Iterator[None]:
-    """Suppress the warning on letters that the font lacks; they become boxes."""
+    """Suppress warnings on letters that the font lacks, which become boxes."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing")
         yield
 
 
 def printed(figure: Figure, name: str, formats: tuple[str, ...]) -> dict[str, bytes]:
-    """Return the files of a figure in these formats by name, reproducible to the byte."""
+    """Return a figure's files by name, in these formats, reproducible to the byte."""
     files = {}
     with names_in_any_script():
         if figure.axes and (layout := figure.get_layout_engine()):

@@ -1,4 +1,4 @@
-"""Provenance of results: machine, commit, package versions, and a hash of the code."""
+"""Provenance of results: computer, commit, package versions, and a hash of the code."""
 
 import hashlib
 import os
@@ -25,13 +25,13 @@ _SOURCES = (
     "sim/**/*.py",
 )
 _REPORT = ("experiments/app/*.py",)
-"""Sources of numbers, figures and captions (`_SOURCES`), without the report that prints them."""
+"""Files of the report, which determine no numbers and are left out of the hash of the code."""
 
 PACKAGES = ("mujoco", "numpy", "scipy", "control", "rerun-sdk", "matplotlib")
 
 
 def machine() -> dict[str, Any]:
-    """Return processor, cores, memory and operating system, to which the wall times refer."""
+    """Return processor, cores, memory and operating system of this computer."""
     return {
         "processor": processor(),
         "cores": psutil.cpu_count(logical=False) or os.cpu_count(),
@@ -42,7 +42,7 @@ def machine() -> dict[str, Any]:
 
 
 def processor() -> str:
-    """Return the name of the processor, as far as the system states it."""
+    """Return the name of the processor, or what the system states instead."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -52,7 +52,7 @@ def processor() -> str:
 
 
 def commit() -> str:
-    """Return the commit of this file's checkout, and whether there are uncommitted changes."""
+    """Return the commit of this checkout, and whether it has uncommitted changes."""
     # An installation inside another checkout is not tracked by it.
     if _git("ls-files", "--error-unmatch", __file__) is None:
         return "not a git checkout"
@@ -74,7 +74,6 @@ def _matching(patterns: Iterable[str]) -> set[Path]:
 
 
 def _git(*arguments: str) -> str | None:
-    """Return the output of a git command; None if git is missing or fails."""
     try:
         done = subprocess.run(
             ["git", "-C", str(HERE), *arguments], capture_output=True, text=True, check=True
@@ -90,7 +89,7 @@ def versions() -> dict[str, str]:
 
 
 def version_properties(summary: dict[str, Any]) -> dict[str, str]:
-    """Return the versions of a summary as properties, hyphens in names replaced."""
+    """Return the package versions in a summary as properties, with names of underscores."""
     return {
         f"version_{name.replace('-', '_')}": value for name, value in summary["versions"].items()
     }

@@ -1,6 +1,6 @@
-"""Readers of untrusted files: the complete contents, or an error of one sentence.
+"""Readers of untrusted files, which return the complete contents or raise one sentence.
 
-They do not wait for pipes, execute no content, and limit the memory.
+The readers do not wait for pipes, execute no content, and limit the memory.
 """
 
 import json
@@ -29,7 +29,7 @@ def read_json(path: Path) -> Any:
 
 
 def read_arrays(path: Path) -> "dict[str, NDArray[Any]]":
-    """Return all arrays of an `.npz` file without unpickling objects, which may execute code.
+    """Return all arrays of an `.npz` file, without unpickling objects, which could execute code.
 
     Raises:
         WrongInput: The file is no `.npz`, or unpacks to more than :data:`LARGEST_FILE` bytes.

@@ -1,4 +1,4 @@
-"""Parallel calls, in processes of this computer or on a Dask cluster."""
+"""Parallel function calls, in processes of this computer or on a Dask cluster."""
 
 import logging
 import os
@@ -23,16 +23,16 @@ from fjh.study.provenance import code_sha256
 CORES = len(os.sched_getaffinity(0))
 
 ANSWERS_IN_S, PATIENCE_S = 5.0, 300.0
-"""Longest time [s] of a scheduler to answer, and to be without workers."""
+"""Longest time [s] that a scheduler may take to answer, and may have no workers."""
 
 MOST_PENDING = 4000
-"""Largest number of calls submitted at once to a cluster: several per core of a large one."""
+"""Largest number of pending calls on a cluster, several for each core of a large one."""
 
 
 def in_parallel(
     function: Callable[..., Any], calls: Sequence[dict[str, Any]], on_progress: OnProgress
 ) -> list[Any]:
-    """Return the results of function(**call) in the order of `calls`; raise as :func:`finished`."""
+    """Return the results of function(**call) in the order of `calls`; see :func:`finished`."""
     results: list[Any] = [None] * len(calls)
     on_progress(0, len(calls))
     with processes(min(len(calls), CORES)) as pool:
@@ -43,7 +43,7 @@ def in_parallel(
 
 
 def call(work: Callable[..., Any], **arguments: Any) -> Any:
-    """Call `work`: the function for :func:`in_parallel` if each call has another function."""
+    """Call `work`; with this function, :func:`in_parallel` calls different functions."""
     return work(**arguments)
 
 
@@ -52,11 +52,11 @@ def finished(
 ) -> Iterator[tuple[int, Any]]:
     """Yield number and result of each function(**call), in the order in which they finish.
 
-    Calls are taken from the iterable when they can be submitted. Each has one thread for linear
-    algebra, so that numbers do not depend on the machine.
+    Calls are taken from the iterable when they can be submitted. Each uses one thread for linear
+    algebra, because sums on several threads are rounded differently.
 
     Raises:
-        Unsound: A worker was killed, or the connection to the scheduler is lost.
+        Unsound: A worker was killed, or the connection to the scheduler was lost.
         Exception: The exception of a call.
     """
     waiting, running = enumerate(calls), dict[Any, int]()
@@ -87,7 +87,7 @@ def _on_one_thread(function: Callable[..., Any], arguments: dict[str, Any]) -> A
 
 @contextmanager
 def processes(count: int) -> Iterator[Executor]:
-    """Make a pool of processes that always end with the block or with this process."""
+    """Make a pool of processes that end with the block, or with this process."""
     others = active_children()
     with uninterrupted():  # Python's resource tracker must survive a hang-up of the group
         ensure_running()
@@ -113,11 +113,11 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def cluster(scheduler: str) -> Iterator[Executor]:
-    """Connect to the workers of a Dask scheduler; `tls://` uses the certificates of Dask.
+    """Connect to the workers of a Dask scheduler; a `tls://` address uses Dask's certificates.
 
     Raises:
-        WrongInput: No scheduler answers there, it has no workers in time, or they have another
-            version of this package.
+        WrongInput: No scheduler answers, it has no workers in time, or a worker has another version
+            of this package.
     """
     from distributed import Client  # late: it takes a second
 

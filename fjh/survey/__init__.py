@@ -1,1 +1,1 @@
-"""The fault-tolerance report of a robot, or of any effectiveness matrix."""
+"""Fault-tolerance report of a robot or of any effectiveness matrix."""

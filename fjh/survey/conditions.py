@@ -1,4 +1,4 @@
-"""Analysis of a system in every failure condition at every posture, in one data frame."""
+"""Analysis of a system in all failure conditions at all postures, in one data frame."""
 
 import copy
 from collections.abc import Iterator
@@ -26,9 +26,9 @@ from sim.mjcf import drives, joint_positions, one_axis
 
 MOST_CONDITIONS = 20_000  # conditions of one posture: 1 to 2 s for ten actuators
 MOST_SETS = 1_000_000
-"""Largest number of actuator sets searched for worst directions, all conditions: a few seconds."""
+"""Largest number of actuator sets that are searched for worst directions, in a few seconds."""
 BOTH_UP_TO = 12
-"""Largest number of actuators for which double failures are analyzed at other postures, too."""
+"""Largest number of actuators for which double failures are analyzed also at other postures."""
 _SLIDES = 0.5  # half the range of a slide without limits, as a fraction of the model's extent
 _BEYOND = 1e-6  # [rad] or [m], by which round-off may put a joint outside its range
 _ALONE_S = 4.0  # remaining work [s] below which further processes are not worth starting
@@ -40,13 +40,13 @@ class Survey(NamedTuple):
     """Results of a survey.
 
     Attributes:
-        system: The system at its start, or at the posture that replaces it.
-        start: Analysis of all conditions with few failures there, the healthy one first.
+        system: System at its start, or at the posture that replaces an infeasible start.
+        start: Analysis of all conditions with few failures at this posture, the healthy one first.
         rows: Remaining capability at each `posture` (0: the start) in each `condition` (its number
-            in `start`), with the columns of :func:`numbers_of`; `possible`: whether the healthy
-            robot can do the task at that posture.
-        postures: Joint positions `qpos` (nq,) of each other posture, by number.
-        counts: Number of conditions that are survived at the start, by number of failures.
+            in `start`), with the columns of :func:`numbers_of`, and `possible`: whether the task is
+            possible at this posture without failures.
+        postures: Joint positions `qpos` (nq,) of the other postures, by number.
+        counts: Numbers of conditions, and of survived ones at the start, by number of failures.
     """
 
     system: AnalyzedSystem
@@ -56,7 +56,7 @@ class Survey(NamedTuple):
     counts: pd.DataFrame
 
     def omissions(self) -> Iterator[str]:
-        """Yield a sentence for each part of the survey that was not computed, at most two."""
+        """Yield a sentence on each part of the survey that was not computed."""
         n, most = len(self.system.actuators), int(self.counts.failures.max())
         if most < n:
             few = f"at most {most} failures ({self.counts.conditions.sum():,})"
@@ -69,14 +69,14 @@ class Survey(NamedTuple):
         if missing := " and ".join(name for name, values in worst.items() if values is None):
             yield (
                 f"The {missing} left in the worst direction was not computed: too many sets of "
-                "actuators would have to be searched; fewer major rows need fewer."
+                "actuators would have to be searched; choose fewer major rows."
             )
 
 
 def survey_system(
     system: AnalyzedSystem, postures: int, seed: int, on_progress: OnProgress
 ) -> Survey:
-    """Analyze a system at its start, and a robot at up to `postures` sampled postures as well."""
+    """Analyze a system at its start, and a robot also at up to `postures` sampled postures."""
     most, others, qpos = (
         most_failures(len(system.actuators)),
         list[ConditionAnalysis](),
@@ -104,20 +104,20 @@ def survey_system(
 
 
 def most_failures(n: int) -> int:
-    """Return the largest number of simultaneous failures that takes seconds for one posture."""
+    """Return the largest number of simultaneous failures that can be analyzed in seconds."""
     possible = (k for k in range(n, 1, -1) if conditions_up_to(n, k) <= MOST_CONDITIONS)
     return next(possible, min(n, 1))
 
 
 def conditions_up_to(n: int, failures: int) -> int:
-    """Return the number of conditions with at most `failures` failures, with the healthy one."""
+    """Return the number of conditions with at most `failures` failures, also without failure."""
     return sum(comb(n, count) * len(KINDS) ** count for count in range(failures + 1))
 
 
 def condition_analysis(system: AnalyzedSystem, failures: int) -> partial[ConditionAnalysis]:
     """Return a function that analyzes a system in all conditions with at most `failures` failures.
 
-    Its worst directions are computed only where that takes seconds.
+    Worst directions are computed only if that takes seconds.
     """
     n, m1, kin = len(system.actuators), len(system.major), system.constrained_system.kinematics()
     # Number of torques that forces at the task and inside the loops can balance.
@@ -141,11 +141,11 @@ def condition_analysis(system: AnalyzedSystem, failures: int) -> partial[Conditi
 def analyze_postures(
     system: AnalyzedSystem, robot: Robot, count: int, seed: int, on_progress: OnProgress
 ) -> tuple[list[Array], list[ConditionAnalysis]]:
-    """Analyze a robot at sampled postures, in the first conditions of those at its start.
+    """Analyze a robot at sampled postures, in the conditions with the fewest failures.
 
     Args:
-        system: The robot as it is surveyed.
-        robot: Its model.
+        system: System of the robot at its start.
+        robot: Robot of the system.
         count: Number of sampled postures; those whose loops do not close are left out.
         seed: Seed of the scrambling of Sobol's sequence.
         on_progress: Called with the number of analyzed postures and their total.
@@ -171,11 +171,11 @@ def analyze_postures(
 
 
 def sample_postures(robot: Robot, count: int, seed: int) -> Array:
-    """Return joint positions (count, nq) that cover the ranges of slides and hinges.
+    """Return joint positions (count, nq) that fill the ranges of slides and hinges evenly.
 
-    With closed loops only driven joints are sampled; the other joints stay as at the start. The
-    shape is (0, nq) if there is no joint to sample. The range of a hinge without limits is pi
-    [rad] to either side of the start, that of a slide half the model's extent [m].
+    With closed loops only driven joints are sampled. The shape is (0, nq) if there is no joint to
+    sample. Without limits, a hinge has a range of pi [rad] to either side of the start, a slide one
+    of half the model's extent [m].
     """
     from scipy.stats.qmc import Sobol  # late: not needed for a matrix
 
@@ -198,7 +198,7 @@ def sample_postures(robot: Robot, count: int, seed: int) -> Array:
 
 
 def _closed(robot: Robot, qpos: Array) -> mujoco.MjData | None:
-    """Return the nearest posture with closed loops; None if it is outside the joint ranges."""
+    """Return the state with closed loops nearest to joint positions; None outside joint ranges."""
     model, data = robot.scene.task_model, copy.copy(robot.scene.task_start)
     data.qpos[:] = qpos
     try:
@@ -212,7 +212,7 @@ def _closed(robot: Robot, qpos: Array) -> mujoco.MjData | None:
 
 
 def at_posture(system: AnalyzedSystem, robot: Robot, qpos: Array, sentence: str) -> AnalyzedSystem:
-    """Return the system at another posture (nq,) than its start, with the sentence on it."""
+    """Return a system at another posture (nq,), with a sentence on why."""
     part, at = robot.scene.part, np.array(robot.scene.start.qpos)
     at[... if part is None else part.positions] = qpos
     moved = robot_of(system.file, robot.options, at, settle=False)
@@ -221,9 +221,9 @@ def at_posture(system: AnalyzedSystem, robot: Robot, qpos: Array, sentence: str)
 
 
 def numbers_of(system: AnalyzedSystem, at: ConditionAnalysis) -> pd.DataFrame:
-    """Return the remaining capability in each condition at a posture, one row per condition.
+    """Return a row for each condition at a posture, with the remaining capability.
 
-    Units are in the names of the columns. Infinite and undefined values are NaN.
+    Names of columns include units. Infinite and undefined values are NaN.
     """
     major = common(tuple(system.row_units[row] for row in system.major))
     units = common(system.units)
@@ -256,13 +256,13 @@ _WORST = {
 
 
 def _ratio(name: str, over: str, under: str) -> str:
-    """Return the column of a gain, with its unit unless that is 1."""
+    """Return the name of a gain's column, with its unit unless this is 1."""
     unit = "" if over == under else f"_{over}_per_{under}"
     return name + unit.replace("mixed", "rad_and_m")
 
 
 def condition_frame(survey: Survey) -> pd.DataFrame:
-    """Return labels and numbers of each condition at the start; for a robot also over postures."""
+    """Return labels and numbers of each condition, at the start and for a robot over postures."""
     system, start, codes = survey.system, survey.start, survey.start.codes
     names, secondary = system.actuators, [system.rows[row] for row in system.secondary]
     labels = {
@@ -297,16 +297,16 @@ _OVER_POSTURES = {
     "relative_manipulability": "least",
     "largest_gain": "greatest",
 }
-"""Columns with a median over postures, and which extreme is their worst."""
+"""Columns that are summarized over postures, and which of their extremes is the worst."""
 
 
 def actuator_frame(survey: Survey) -> pd.DataFrame:
-    """Return a row for each actuator: its limits, and the capability that its failures leave.
+    """Return a row for each actuator: its limits, and what remains after its failures.
 
-    `left_locked`, `left_free`: remaining fraction of the healthy speed, or effect, in the worst
-    direction, mean over start and postures. `doubles_survived`: fraction of the double failures
-    with this actuator that are survived at the start. `costs_most`: whether the mean of the losses
-    locked and free is largest, and among ties `doubles_survived` least.
+    `left_locked`, `left_free`: remaining fraction of the speed, or effect, in the worst direction,
+    averaged over start and postures. `doubles_survived`: fraction of double failures with this
+    actuator that are survived at the start. `costs_most`: whether the mean loss, locked and free,
+    is largest (of equal ones, with least `doubles_survived`).
     """
     system, start, able = survey.system, survey.start, survey.rows[survey.rows.possible]
     frame = pd.DataFrame({"actuator": system.actuators, "unit": system.units})
@@ -328,7 +328,7 @@ def actuator_frame(survey: Survey) -> pd.DataFrame:
 
 
 def checks(system: AnalyzedSystem, start: ConditionAnalysis) -> list[Check]:
-    """Compare the analysis with some conditions analyzed one by one: classification and speed."""
+    """Return checks of class and speed in some conditions, analyzed again one by one."""
     codes, differ, off = start.codes, 0, [0.0]
     limits = [np.broadcast_to(side, codes.shape) for side in system.limits_about_rest(codes)]
     for row in range(0, len(codes), max(1, len(codes) // _RECHECKED)):

@@ -1,7 +1,7 @@
-"""Isolability of single failures: of a robot by sets of sensors, of a matrix by its effects.
+"""Isolability of single failures: by sets of sensors of a robot, by the effects of a matrix.
 
-For a robot, from the steady response to a dither in the null space of the major task, at the
-robot's start (docs/diagnosis-design.md). The linear model alone is used: nothing is simulated.
+For a robot it is computed from the steady response of the linear model at the start to a dither in
+the null space of the major task (docs/diagnosis.md); nothing is simulated.
 """
 
 from collections.abc import Iterable, Sequence
@@ -35,7 +35,7 @@ _ONE_VELOCITY = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 def isolation_of(
     system: AnalyzedSystem, sensors: Switch, servo: float | None
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Return a row for each set of sensors, and the settings or why there is no result."""
+    """Return a row for each set of sensors, and settings, or the reason why there are no rows."""
     robot, count = system.robot, len(system.actuators)
     if robot is None:
         B, tolerance = system.constrained_system.J_T, system.constrained_system.rank_tolerance
@@ -67,10 +67,10 @@ def isolation_of(
 def indistinguishable_columns(B: Array, names: Sequence[Any], tolerance: float) -> dict[str, Any]:
     """Return the inputs of an effectiveness matrix that no sensor of its effects distinguishes.
 
-    A failure of an input changes the effects along its column. Failures with parallel columns are
-    indistinguishable for any inputs and any accuracy of the sensors; all others differ in
-    direction. Inputs without effect are undetectable. The `nearest` distinguishable inputs have the
-    least angle [deg], each effect in units of its row's norm.
+    A failure of an input changes the effects along its column: failures with parallel columns are
+    indistinguishable for any inputs and sensors, and inputs without effect are undetectable. The
+    `nearest` distinguishable inputs have the least angle [deg] between columns, with each effect in
+    units of its row's norm.
 
     Args:
         B: Effects per input, shape (m, n).
@@ -103,16 +103,16 @@ def indistinguishable_columns(B: Array, names: Sequence[Any], tolerance: float) 
 
 
 def with_sensors(rig: Rig, sense: Sensing) -> Rig:
-    """Return the robot with a diagnosis that uses these sensors; task rows come first."""
+    """Return the robot with a diagnosis that uses these sensors."""
     noise = None if sense == "task" else rig.control.encoder_noise
     return replace(rig, control=replace(rig.control, sense=sense, encoder_noise=noise))
 
 
 def isolation_row(rig: Rig, sense: Sensing) -> tuple[DitherDesign, dict[str, Any]]:
-    """Return the best dither for a set of sensors, and the row of failures isolable with it.
+    """Return the best dither for a set of sensors, and a row on the failures isolable with it.
 
-    The failures are each actuator locked, free and with half its force. Further sensors are chosen
-    one by one, each the best addition to those before it; there are none if none helps.
+    Each actuator may be locked, free, or have half of its force. Further sensors are added one by
+    one, always the one that isolates most further failures, if any does.
 
     Raises:
         ValueError: The major task leaves no motion for a dither.
@@ -157,7 +157,7 @@ def isolation_row(rig: Rig, sense: Sensing) -> tuple[DitherDesign, dict[str, Any
 
 
 def further_sensors(rig: Rig, sense: Sensing) -> dict[str, tuple[Array, float]]:
-    """Return output row and noise of each sensor that the robot lacks, by name.
+    """Return output row (s,) and noise of each sensor that the robot lacks, by name.
 
     These are encoders of the actuators, the other rows of the twist, and encoders of passive hinges
     and slides. Each is as precise as forward kinematics from the actuators' encoders.

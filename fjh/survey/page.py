@@ -1,4 +1,4 @@
-"""Report of a survey: printed tables, sentences, a figure, and one HTML page."""
+"""Report of a survey: printed tables, sentences, a figure, and an HTML page."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -75,7 +75,7 @@ _ISOLABLE_LEGEND = (
 
 
 def headline(system: AnalyzedSystem, start: ConditionAnalysis) -> str:
-    """Return the effect of single failures on the major task; if it is infeasible, the remedy."""
+    """Return a sentence on single failures, or on how to make an infeasible task possible."""
     rows = listed([system.rows[row] for row in system.major])
     task = f"{counted(len(system.actuators), 'actuator')}, major task {rows}: it"
     if start.survived[0]:
@@ -96,7 +96,7 @@ def notes(
     actuators: pd.DataFrame,
     settings: Mapping[str, Any],
 ) -> Iterator[str]:
-    """Yield sentences on what the numbers depend on, and on what they do not include."""
+    """Yield sentences on the conditions and limits of the numbers."""
     if system.instead is not None:
         yield system.instead
     if near := int((start.classes.gap < _NEAR).sum()):
@@ -155,7 +155,7 @@ _MOST_NAMES = 16  # largest number of names along an axis; with more actuators s
 
 
 def figure_survey(system: AnalyzedSystem, start: ConditionAnalysis) -> Figure:
-    """Plot bars of the single failures, and a map of the double failures if they were analyzed."""
+    """Plot bars of single failures, and a map of double failures if they were analyzed."""
     names, doubles = system.actuators, bool((start.failures == 2).any())
     widths = [1.0, 2.0][: 1 + doubles]
     figure = new_figure(PAGE_IN, min(4.6, max(3.4, 1.8 + 0.22 * len(names))))

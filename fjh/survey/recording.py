@@ -1,7 +1,7 @@
-"""Recordings of the directions that single failures remove: one motion of the robot for each.
+"""Recordings of the directions that single failures remove, each as a motion of the robot.
 
-A cell shows a motion that the healthy robot can make and the failed one cannot, or the self-motion
-of a robot with a free actuator while all others are at rest.
+A scene shows a motion that the healthy robot can make and the failed one cannot, or the self-motion
+of a robot with a free actuator while all other actuators are at rest.
 """
 
 from dataclasses import dataclass
@@ -28,12 +28,12 @@ _SIZE = 1e-3  # largest joint displacement, [rad] or [m]: loops stay closed to f
 _PERIOD_S, _RATE_HZ = 2.0, 25
 _PART = 0.05  # smaller components of a direction do not determine its unit
 _SAME = 0.02
-"""Largest difference of unit vectors that count as one direction: springs yield a little."""
+"""Largest difference of unit vectors that count as one direction; compliance causes small ones."""
 
 
 @dataclass(frozen=True, eq=False)
 class Loss:
-    """A direction of the task, and the failures that remove it or let the robot drift along it."""
+    """Direction of the task, with the failures that remove it or let the robot drift along it."""
 
     direction: Array  # unit vector of the task rows (m,)
     velocities: Array  # velocities along it (N,): all joints, then drives that are no joints
@@ -41,13 +41,13 @@ class Loss:
     rows: list[int]  # numbers of the conditions
 
     def is_along(self, other: "Loss") -> bool:
-        """Return whether both have the same direction, to `_SAME`, and the same kind."""
+        """Return whether two losses have the same direction, to `_SAME`, and the same kind."""
         difference = (np.abs(self.direction - s * other.direction).max() for s in (-1, 1))
         return self.drifts == other.drifts and min(difference) < _SAME
 
 
 def losses(system: AnalyzedSystem, start: ConditionAnalysis) -> list[Loss]:
-    """Return each lost direction once, with all single failures that remove it, in their order."""
+    """Return each lost direction once, with all single failures that remove it."""
     distinct = list[Loss]()
     if system.robot is None or not start.survived[0]:
         return distinct
@@ -85,7 +85,7 @@ def _condition_losses(system: AnalyzedSystem, start: ConditionAnalysis, row: int
 
 
 def self_motion(kin: Kinematics, J_T: Array, direction: Array) -> Array:
-    """Return velocities (N,) that move the task in a direction (m,), all actuators at rest."""
+    """Return velocities (N,) that move the task in a direction (m,) while all actuators rest."""
     velocities, free = np.zeros(J_T.shape[1]), kin.passive_self_motion
     along = np.linalg.lstsq(J_T[:, kin.passive] @ free, direction, rcond=None)[0]
     velocities[kin.passive] = free @ along
@@ -95,7 +95,7 @@ def self_motion(kin: Kinematics, J_T: Array, direction: Array) -> Array:
 def write_losses(
     system: AnalyzedSystem, start: ConditionAnalysis, command: str, headline: str, folder: Path
 ) -> None:
-    """Write the lost directions to `survey.rrd`, `survey_2.rrd` and so on, `MOST` to a file.
+    """Write the lost directions to `survey.rrd`, `survey_2.rrd` and so on, up to `MOST` in each.
 
     No file is written if no direction is lost.
     """
@@ -114,14 +114,14 @@ def write_losses(
 
 
 def title(system: AnalyzedSystem, start: ConditionAnalysis, loss: Loss, most: int = 3) -> str:
-    """Return the title of a loss: its failures, at most `most` of them, and the direction."""
+    """Return the title of a loss: its direction, and up to `most` of its failures."""
     failures = [condition_text(start.codes[row], system.actuators) for row in loss.rows]
     direction = directions_text(loss.direction[:, None], system.rows)
     return f"{listed(failures, 'or', most)}: {direction} {'drifts' if loss.drifts else 'is lost'}"
 
 
 def _scene(system: AnalyzedSystem, start: ConditionAnalysis, loss: Loss) -> Scene:
-    """Return a scene in which all joints oscillate slowly about the start, with failures marked."""
+    """Return a scene in which the joints move slowly along a loss, with failures marked."""
     assert system.robot is not None  # a matrix has no losses
     model, nominal = system.robot.scene.task_model, np.array(system.robot.scene.task_start.qpos)
     joints = loss.velocities[: model.nv]  # the rest are drives that are no joints

@@ -1,4 +1,4 @@
-"""The study `survey`: capability of a robot or a matrix after failures; docs/survey.md."""
+"""Study `survey`: capability of a robot or a matrix after failures; docs/survey.md."""
 
 import shlex
 from dataclasses import replace
@@ -43,14 +43,15 @@ def survey(
     keyframe: Keyframe = None,
     pinned: Pinned = None,
     matrix: Annotated[
-        Path | None, Option(metavar="FILE", help="Effects per input, instead of a robot.")
+        Path | None,
+        Option(metavar="FILE", help="Text file of an effectiveness matrix, effects per input."),
     ] = None,
     lower: Annotated[
         str | None,
         Option(
             metavar="L",
             help="Lower limit of each input, or rate of a robot's actuators: a number, or a file "
-            "of them.  [default: -1; of velocity actuators their range]",
+            "with one for each.  [default: -1; of velocity actuators their range]",
         ),
     ] = None,
     upper: Annotated[
@@ -60,8 +61,8 @@ def survey(
         str | None,
         Option(
             metavar="W,...",
-            help="What the inputs of a matrix exert at rest, such as a weight: one number a major "
-            "row.",
+            help="Effects of a matrix's inputs at rest, such as a weight: one number for each "
+            "major row.",
         ),
     ] = None,
     postures: Annotated[
@@ -83,8 +84,8 @@ def survey(
         float | None,
         Option(
             metavar="HZ",
-            help="For the sensors: natural frequency of the position servos that replace other "
-            "actuators.",
+            help="Natural frequency of the position servos that --sensors assumes instead of "
+            "other actuators.",
         ),
     ] = None,
     on_progress: OnProgress,
@@ -167,17 +168,17 @@ def _system_of_options(
     hold: str | None,
     robot: dict[str, Any],
 ) -> AnalyzedSystem:
-    """Load the robot or the matrix; raise `WrongInput` for options of the other."""
+    """Load the robot or the matrix; raise `WrongInput` for options that do not apply."""
     if matrix is None:
         if hold is not None:
-            raise WrongInput("--hold is for a matrix: give one with --matrix")
+            raise WrongInput("--hold applies to a matrix: give one with --matrix")
         defaults: dict[str, Any] = {"axes": "base"} if model is None else {}
         options = robot | {"major": major, "servo": None}  # a servo is for the sensors alone
         given = defaults | {name: value for name, value in options.items() if value is not None}
         return robot_system(model and check_file(model), RobotOptions(**given), lower, upper)
     if model is not None:
-        raise WrongInput(f"{model} and --matrix {matrix}: one of them is surveyed at a time")
+        raise WrongInput(f"give either a MODEL.xml or --matrix, got {model} and --matrix {matrix}")
     for name, value in robot.items():
         if value not in (getattr(DEFAULT_OPTIONS, name), None):
-            raise WrongInput(f"--{name} is for a robot: a matrix has none")
+            raise WrongInput(f"--{name} applies to a robot, not to --matrix")
     return matrix_system(check_file(matrix), lower, upper, major, hold)

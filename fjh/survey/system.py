@@ -1,4 +1,4 @@
-"""Surveyed system: a robot of an MJCF file at its start posture, or an effectiveness matrix."""
+"""Surveyed system: a robot of an MJCF file at its start, or an effectiveness matrix."""
 
 import hashlib
 from contextlib import suppress
@@ -30,10 +30,10 @@ _NAME_LENGTH = 80  # longer names in a matrix file are cut off
 
 @dataclass(frozen=True, eq=False)
 class AnalyzedSystem:
-    """A robot at its start posture, or an effectiveness matrix, as the survey analyzes it.
+    """System to survey: a robot at its start posture, or an effectiveness matrix.
 
-    Units are "rad" or "m" for a robot, "1" for a matrix. Where no limits are stated, each is one
-    unit, and the numbers compare conditions with each other but have no absolute meaning.
+    Units are "rad" or "m" for a robot, "1" for a matrix. Limits that are not stated are one unit;
+    then the numbers only compare conditions.
     """
 
     file: Path
@@ -64,12 +64,12 @@ class AnalyzedSystem:
         return "effect" if self.robot is None else "speed"
 
     def limits_about_rest(self, codes: Codes) -> Limits:
-        """Return the limits of the working inputs about their values at rest, (C, n) each.
+        """Return the limits of the inputs relative to their values at rest, (C, n) each.
 
         The shape is (n,) if `hold` is None, because the inputs then are zero at rest.
 
-        In each of C conditions, locked inputs keep their value at rest without failures and free
-        ones are zero; the others supply the remaining effect at rest with least norm. Where that is
+        In each of C conditions, locked inputs keep their value at rest without failures, free ones
+        are zero, and the others supply the rest of `hold` with least norm. Where this is
         impossible, the task is lost.
         """
         lower, upper = self.rates
@@ -91,7 +91,7 @@ class AnalyzedSystem:
 
 
 def common(units: tuple[str, ...]) -> str:
-    """Return the unit that all have in common, else "mixed"."""
+    """Return the unit that all rows have in common, else "mixed"."""
     return units[0] if len(set(units)) == 1 else "mixed"
 
 
@@ -108,7 +108,7 @@ def matrix_system(
         hold: Effects at rest, one per major row, separated by commas; None: zero.
 
     Raises:
-        WrongInput: An argument is malformed; the message is one sentence with place and reason.
+        WrongInput: An argument is invalid; the message states the place and the reason.
     """
     B = read_matrix("--matrix", file)
     names, rows = tuple(B.columns), tuple(B.index)
@@ -137,13 +137,13 @@ def robot_system(
 
     Args:
         file: MJCF; None is the hexapod of the testbed.
-        options: Task of the robot.
+        options: Options of the robot's task.
         lower: Lower limits of the actuators' rates, a number or a file; None: those of the MJCF.
         upper: Upper limits, in the same form.
 
     Raises:
         WrongInput: The limits are not numbers, or not one per actuator.
-        sim.ModelError: The file cannot be loaded, or its mechanism is not supported.
+        sim.ModelError: The file cannot be read, or its mechanism is not supported.
     """
     path = HEXAPOD_MJCF if file is None else file
     robot = robot_of(path, options, settle=False)
@@ -183,7 +183,7 @@ def _together(ranges: list[tuple[float, float]]) -> Limits | None:
 
 
 def _rate_range(drive: Drive) -> tuple[float, float]:
-    """Return the rates that all velocity servos of a drive allow; only they limit rates in MJCF."""
+    """Return the range of rates of all velocity servos of a drive; MJCF limits no other rates."""
     model, spans = drive.model, [np.array([-np.inf, np.inf])]
     for k, gear in zip(drive.ids, drive.gear, strict=True):
         control = int(model.actuator_ctrladr[k])
@@ -198,11 +198,11 @@ def _rate_range(drive: Drive) -> tuple[float, float]:
 def input_limits(
     lower: str | None, upper: str | None, names: tuple[str, ...]
 ) -> tuple[Limits, str | None]:
-    """Return the limits of inputs, or rates, and their origin; (-1, 1) and None if none are given.
+    """Return limits of inputs or rates, and their origin; (-1, 1) and None without options.
 
     Raises:
-        WrongInput: A limit is no number and no file with one number per input, or a lower limit
-            exceeds its upper limit.
+        WrongInput: A limit is neither a number nor a file with one number per input, or a lower
+            limit exceeds an upper one.
     """
     n = len(names)
     if lower is None and upper is None:
@@ -219,10 +219,10 @@ def read_matrix(option: str, file: Path) -> pd.DataFrame:
     """Read a matrix from a text file, with the names of its rows and columns.
 
     Cells are separated by commas, semicolons, tabs or blanks; # begins a line of comment. A first
-    row, or a first column, without any number has names; else they are "row 0", "u1" and so on.
+    row or column without numbers has names; default names are "row 0" and "u1", for example.
 
     Raises:
-        WrongInput: There is no such file, or no such matrix in it.
+        WrongInput: There is no such file, or it contains no matrix.
     """
     source = f"{option} {file}"
     try:
@@ -280,7 +280,7 @@ def _cells(text: str) -> pd.DataFrame:
 
 
 def _is_number(cell: str) -> bool:
-    """Return whether Python reads the text as a number, infinity and NaN included."""
+    """Return whether Python reads a text as a number, including infinity and NaN."""
     try:
         float(cell)
     except ValueError:
@@ -289,10 +289,10 @@ def _is_number(cell: str) -> bool:
 
 
 def numbers(option: str, text: str, counts: set[int]) -> Array:
-    """Read numbers separated by commas, or those of a file of this name.
+    """Return numbers from text with commas, or from the file with this name.
 
     Raises:
-        WrongInput: Their count is not among `counts`, or one of them is not below `LARGEST`.
+        WrongInput: The count of numbers is not among `counts`, or a number is not below `LARGEST`.
     """
     try:
         values = np.array(text.split(","), dtype=float)
@@ -301,7 +301,7 @@ def numbers(option: str, text: str, counts: set[int]) -> Array:
     if values.size not in counts or not (np.abs(values) < LARGEST).all():
         expected = " or ".join(map(str, sorted(counts)))
         raise WrongInput(
-            f"{option} must be {expected} numbers below {LARGEST:g}, or a file of them, got "
+            f"{option} must be {expected} numbers below {LARGEST:g}, or a file with them, got "
             f"{text:.80} with {values.size}"
         )
     return values

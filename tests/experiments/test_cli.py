@@ -77,10 +77,10 @@ WRONG = [
     ("track --path spirl", "spiral"),
     ("track --controller json:lods", "loads"),
     # Options that do not go together.
-    ("recover --events --hours 3", "--hours does not go with --events"),
-    ("recover --scheduler x --controller ftc.loop:Stage", "module is here"),
+    ("recover --events --hours 3", "--hours cannot be used with --events"),
+    ("recover --scheduler x --controller ftc.loop:Stage", "imported on this computer alone"),
     ("recover --model ARM --dither often", "dither must be none, default, designed, or a freq"),
-    ("recover --model ARM --scheduler tcp://there:1", "--scheduler does not go with --model"),
+    ("recover --model ARM --scheduler tcp://there:1", "--scheduler cannot be used with --model"),
     ("recover --crossover 0.7", "--crossover needs --model"),
     *((f"track ARM --{option} {DIGITS}", "") for option in ("keyframe", "site", "pinned", "major")),
     # Numbers outside the range of options.

@@ -133,7 +133,7 @@ def test_interruptions_and_order_do_not_change_a_bit(tmp_path, whole, count):
     message = f"interrupted: {count} of 10 runs are saved; --resume continues"
     with pytest.raises(Interrupted, match=message):
         table(tmp_path, resume=False, on_progress=stop_after(count))
-    with pytest.raises(WrongInput, match="has unfinished runs: --resume"):
+    with pytest.raises(WrongInput, match="has unfinished runs: add --resume"):
         table(tmp_path, resume=False)
     simulated = []
     result = table(tmp_path, make=lambda run: simulated.append(run.number) or row(run))

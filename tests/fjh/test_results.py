@@ -108,7 +108,7 @@ def test_results_of_two_studies_are_not_compared(capsys):
     compared({}, {})
     Path("b.json").write_text('{"experiment": "force"}')
     assert main(["results", "b.json", "--against", "a.json"]) == 2
-    assert "is of fjh figures, b.json of" in capsys.readouterr().err
+    assert "of figures and b.json of" in capsys.readouterr().err
 
 
 def test_printed_text_has_no_control_characters(capsys):

@@ -300,10 +300,10 @@ def test_events_are_reported_and_not_compared_with_the_linear_model():
 INVALID = {
     "--fail joint2:locked": "NAME:KIND@SECONDS",
     "--fail joint2:locked@9": "--fail must be before the run ends at",
-    "--fail joint2:locked@0.1 --fail joint2:free@0.2": "each actuator once",
+    "--fail joint2:locked@0.1 --fail joint2:free@0.2": "each actuator at most once",
     "--fail motor2:free@0.2 --event bump_then_lock:joint2@0.1": "--fail and --event must name each",
-    "--event hard_over@0.3": "hard_over acts on one actuator, which must be given",
-    "--dither 10 --diagnosis off": "which is off",
+    "--event hard_over@0.3": "actuator of hard_over must be given",
+    "--dither 10 --diagnosis off": "needs --diagnosis on",
     "--size 9": "the path is out of reach",
     "--site hand --major 1,3,5 --size 0.05 --turn 8": "with actuator2 at a limit; choose a smaller",
 }

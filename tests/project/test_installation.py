@@ -111,9 +111,7 @@ def test_the_import_of_fjh_loads_no_large_package(tmp_path):
 def test_a_folder_that_hides_a_package_of_the_checkout_is_reported(tmp_path):
     users_own(tmp_path)
     done = python(tmp_path, "-c", "import fjh")
-    message = (
-        f"{tmp_path}/experiments/__init__.py, not {ROOT}/experiments: rename it, or install fjh"
-    )
+    message = f"{tmp_path}/experiments/__init__.py, not {ROOT}/experiments: rename the former"
     assert message in done.stderr.splitlines()[-1]
 
 

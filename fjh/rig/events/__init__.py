@@ -1,4 +1,4 @@
-"""Events of a machine during a run, by name, besides sudden failures.
+"""Named events of a machine during a run, in addition to sudden failures.
 
     rig.fly(controller, path, events=[Event("hard_over", 1.3, "strut1"), Event("bump", 0.5)])
 

@@ -1,6 +1,6 @@
-"""Declarations of the named events, by a decorator of the function of each effect.
+"""Declarations of the named events, each by a decorator of the function of its effect.
 
-Imports neither `sim` nor SciPy: the command line rejects misspelt events before these are loaded.
+Neither `sim` nor SciPy is imported, so that the command line rejects misspelt events at once.
 """
 
 import math
@@ -28,7 +28,7 @@ Cause = Literal["offset", "supply", "scale"]
 LATEST_S = 1e9
 """Latest time of an event [s]: later ones would have no tick."""
 GRAVITY = 9.81
-"""Acceleration that gives weights [m/s^2], also in a model without gravity."""
+"""Acceleration of gravity [m/s^2] for the weights in effects, also for models without gravity."""
 FULL = 20.0
 """Full displacement of an actuator without limits, as a multiple of the path's amplitude."""
 _LOCKED: "tuple[FailureKind, ...]" = ("locked",)
@@ -37,12 +37,12 @@ _UNMOVED: "tuple[FailureKind, ...]" = ("free", "locked")
 
 
 class Effect(NamedTuple):
-    """Changes that an event makes at each tick from its first one on, which is tick 0.
+    """Functions that change plant, measurements or inputs at each tick, counted from the onset.
 
     Attributes:
-        plant: Called before the physics; adds forces on bodies to `data.xfrc_applied`.
-        measured: Maps the major rows (m1,) before the event to those that are measured.
-        sent: Maps the inputs (n,) that the controller sends to those that the drives receive.
+        plant: Function called before the physics; adds forces to `data.xfrc_applied`.
+        measured: Function from the measured major rows (m1,) to those that the controller receives.
+        sent: Function from the inputs (n,) of the controller to those that the drives receive.
     """
 
     plant: Callable[[int, mujoco.MjModel, mujoco.MjData], None] | None = None
@@ -52,17 +52,17 @@ class Effect(NamedTuple):
 
 @dataclass(frozen=True)
 class Kind:
-    """Declaration of an event.
+    """Declaration of a named event.
 
     Attributes:
-        sentence: Description with sizes.
-        of: Part it acts on: one actuator, given in the event, a supply, the machine or its sensors.
-        correct_kinds: Kinds of failure that are a correct diagnosis of its actuators; empty: none.
-        failures: Kinds of `sim.Failure` that the event includes or causes: of its own actuator, or
-            of as many random others.
+        sentence: Description of the effect, with sizes.
+        of: Part that it affects: an actuator (given in the event), the supply, machine or sensors.
+        correct_kinds: Kinds of failure in a correct diagnosis of its actuators; empty: none.
+        failures: Kinds of `sim.Failure` that the event includes: of its own actuator, or else of as
+            many random actuators.
         after_s: Time from the event to these failures [s].
-        cause: Correct diagnosis that is no failure; None: there is none.
-        effect: Function of its further effect on a target, sizes bound.
+        cause: Correct diagnosis other than a failure; None: there is none.
+        effect: Function that returns its further effect on a target.
     """
 
     sentence: str
@@ -75,21 +75,21 @@ class Kind:
 
 
 EVENTS: dict[str, Kind] = {}
-"""Events by name, in the order of declaration, which studies and pages follow."""
+"""Named events, in the order of studies and pages."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """An event of a machine at one time.
+    """Named event at a time: a change of actuators, supply, payload, floor or sensors.
 
     Attributes:
-        name: One of `EVENTS`.
-        time_s: Time [s]; an event at the first tick of a run starts before it.
-        actuator: Number or name of the actuator, for events of one; else None.
+        name: Name of the event, such as "bump", "hard_over" or "hum"; `EVENTS` has all.
+        time_s: Onset [s]; an event at the first tick of a run starts with its lead-in.
+        actuator: Number or name of the actuator, for events that act on one actuator; else None.
 
     Raises:
-        ValueError, TypeError: There is no such event; an actuator is missing, superfluous or
-            invalid; the time is invalid or negative.
+        ValueError, TypeError: There is no such event; the actuator is missing, superfluous or
+            invalid; the time is not from 0 to 1e9 s.
     """
 
     name: str
@@ -112,21 +112,21 @@ class Event:
             requirement = f"a name, or a number from 0 on, got {check.short_repr(self.actuator)}"
             raise ValueError(f"actuator must be {requirement}")
         if self.kind.of == "actuator" and self.actuator is None:
-            raise ValueError(f"{self.name} acts on one actuator, which must be given")
+            raise ValueError(f"actuator of {self.name} must be given: it acts on one actuator")
         if self.kind.of != "actuator" and self.actuator is not None:
             raise ValueError(
-                f"{self.name} acts on no single actuator, got {check.short_repr(self.actuator)}"
+                f"actuator of {self.name} must be None, got {check.short_repr(self.actuator)}"
             )
 
     @classmethod
     def parse(cls, text: str) -> "Event":
-        """Parse NAME@SECONDS or, for an event of an actuator, NAME:ACTUATOR@SECONDS.
+        """Return the event of a text, NAME@SECONDS or NAME:ACTUATOR@SECONDS.
 
         Raises:
             ValueError, TypeError: The text has another form, or the event is invalid.
         """
         if not isinstance(text, str):
-            raise TypeError(f"text must be that of an event, got {check.short_repr(text)}")
+            raise TypeError(f"text must be a str, got {check.short_repr(text)}")
         what, _, time_s = text.rpartition("@")
         name, _, actuator = what.partition(":")
         try:
@@ -153,11 +153,11 @@ def event(
     cause: Cause | None = None,
     **sizes: Any,
 ) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
-    """Declare an event on the function of its effect; arguments as for :class:`Kind`.
+    """Return a decorator that declares an event by the function of its effect.
 
-    `sizes` are the function's arguments besides the target; it raises WrongInput if the event does
-    not apply to the target. The lowest of several decorators declares first; an event that follows
-    those of other functions is declared by a call.
+    The arguments are those of :class:`Kind`; `sizes` are passed to the function after the target.
+    The function raises WrongInput if the event does not apply to the target. The lowest of several
+    decorators declares its event first.
     """
 
     def declare(effect: Callable[..., Effect]) -> Callable[..., Effect]:
@@ -193,9 +193,9 @@ def lost_spring(target: "Target") -> Effect:
 
 
 @actuator_event("half_over", "half of the full input from then on", _UNMOVED, part=0.5)
-@actuator_event("hard_over", "full input from then on, at a random end", _UNMOVED, part=1.0)
+@actuator_event("hard_over", "full input from then on, in a random direction", _UNMOVED, part=1.0)
 def constant_input(target: "Target", part: float) -> Effect:
-    """Set the input to a constant part of the full one, at a random end of the range."""
+    """Set the input to a fraction of full input, in a random direction."""
     end = target.limits[target.rng.integers(2)]
     full = end if math.isfinite(end) else math.copysign(FULL * target.amplitude, end)
     constant = target.input(part * full)
@@ -204,7 +204,7 @@ def constant_input(target: "Target", part: float) -> Effect:
 
 @actuator_event("stuck_input", "the input freezes", _UNMOVED, lag_s=math.inf)
 def lagging(target: "Target", lag_s: float) -> Effect:
-    """Pass the input through a first-order lag; an infinite lag freezes it."""
+    """Pass the input through a first-order lag [s]; an infinite lag freezes the input."""
     follows, state = -math.expm1(-target.rig.period_s / lag_s), 0.0
 
     def lagged(tick: int, own: float) -> float:
@@ -216,11 +216,13 @@ def lagging(target: "Target", lag_s: float) -> Effect:
 
 
 @actuator_event(
-    "drift", "an offset grows in 1 s by 0.6 of the path's motion", cause="offset", rate=0.6
+    "drift", "an offset grows per second by 0.6 of the path's motion", cause="offset", rate=0.6
 )
-@actuator_event("offset", "an offset of three times what the path moves", cause="offset", size=3.0)
+@actuator_event(
+    "offset", "an offset of three times the motion on the path", cause="offset", size=3.0
+)
 def offset_input(target: "Target", size: float = 0.0, rate: float = 0.0) -> Effect:
-    """Add a displacement of random sign, and its rate per second, in amplitudes of the path."""
+    """Add a displacement and a ramp per second of random sign, in amplitudes of the path."""
     per_amplitude = float(target.rng.choice([-1.0, 1.0])) * target.input(target.amplitude)
     grows = rate * target.rig.period_s
     return _own_input(target, lambda tick, own: own + per_amplitude * (size + grows * tick))
@@ -232,7 +234,7 @@ def offset_input(target: "Target", size: float = 0.0, rate: float = 0.0) -> Effe
 def no_force(
     target: "Target", off_s: float, every_s: float = math.inf, *, everywhere: bool = False
 ) -> Effect:
-    """Switch the actuator, or all, off for some time, once or at the start of every period."""
+    """Switch off the actuator, or all, for `off_s`, once or at the start of every period."""
     drives = target.drives if everywhere else [target.drive]
     ids, groups = [k for drive in drives for k in drive.ids], None
 
@@ -249,7 +251,7 @@ def no_force(
     return Effect(plant)
 
 
-@actuator_event("fading", "the force decays, time constant 1 s", ("weak", "free"), decay_s=1.0)
+@actuator_event("fading", "the force decays by 63 % per second", ("weak", "free"), decay_s=1.0)
 def scaled_force(target: "Target", gain: float = 1.0, decay_s: float = math.inf) -> Effect:
     """Multiply the actuator's force by a gain that decays exponentially."""
     ids, decays = list(target.drive.ids), math.exp(-target.rig.period_s / decay_s)
@@ -268,7 +270,7 @@ def reversed_input(target: "Target") -> Effect:
     return _own_input(target, lambda _, own: -own)
 
 
-actuator_event("slow", "the input lags by a first order of 30 ms", ("weak", "locked"), lag_s=0.03)(
+actuator_event("slow", "a first-order lag of 30 ms in the input", ("weak", "locked"), lag_s=0.03)(
     lagging
 )
 actuator_event("strong", "the actuator gives 1.3 times its force", gain=1.3)(scaled_force)
@@ -282,7 +284,7 @@ actuator_event("strong", "the actuator gives 1.3 times its force", gain=1.3)(sca
     opens_s=0.1,
 )
 def released_lock(target: "Target", opens_s: float) -> Effect:
-    """Open the lock that the event closes after some time."""
+    """Open the lock that the event closes, `opens_s` after onset."""
     lock, opens = target.lock, target.ticks(opens_s)
     if lock < 0:
         raise target.unsupported("has no lock")
@@ -300,7 +302,7 @@ actuator_event("free_returns", "no force for 0.5 s, then full force", ("free",),
 
 
 @actuator_event(
-    "rubbing", "dry friction: half of the force that the path takes", ("locked", "weak"), part=0.5
+    "rubbing", "dry friction: half of the force that the path needs", ("locked", "weak"), part=0.5
 )
 def dry_friction(target: "Target", part: float) -> Effect:
     """Add dry friction, as a fraction of the force of spring and servo on the path."""
@@ -313,7 +315,7 @@ def dry_friction(target: "Target", part: float) -> Effect:
     return _once(add_friction)
 
 
-@actuator_event("damped", "its damping is ten times as high", ("weak", "locked"), times=10.0)
+@actuator_event("damped", "ten times the damping", ("weak", "locked"), times=10.0)
 def damped(target: "Target", times: float) -> Effect:
     """Multiply the actuator's damping, including the servo's."""
     damping = target.moved("damping")
@@ -325,9 +327,9 @@ def damped(target: "Target", times: float) -> Effect:
 
 
 @supply_event("ripple", "all inputs vary by 20 % at 100 Hz", ripple=0.2)
-@supply_event("sag", "all inputs times 0.8", cause="supply", mean=0.8)
+@supply_event("sag", "all inputs are multiplied by 0.8", cause="supply", mean=0.8)
 def supply(target: "Target", mean: float = 1.0, ripple: float = 0.0, hz: float = 100.0) -> Effect:
-    """Multiply all inputs by a mean and a ripple, of a quarter of the control rate at most."""
+    """Multiply all inputs by a mean with a ripple, of at most a quarter of the control rate."""
     omega = 2 * math.pi * min(hz * target.rig.period_s, 0.25)
     return Effect(sent=lambda tick, inputs: (mean + ripple * math.sin(omega * tick)) * inputs)
 
@@ -352,9 +354,9 @@ supply_event("blackout", "no actuator has force for 50 ms", off_s=0.05, everywhe
     "push", "a constant force of 1/54 of the payload's weight, 1 N on the hexapod", parts=1
 )
 def pushed(target: "Target", parts: float, for_s: float = math.inf) -> Effect:
-    """Push the payload at its centre of mass in a random direction, by 1/54 parts of its weight.
+    """Push the payload at its centre of mass in a random direction, with parts / 54 of its weight.
 
-    A push of finite time has the same impulse for any control period.
+    A push of finite duration has the same impulse for any control period.
     """
     body, ends = target.rig.payload_body, target.ticks(for_s)
     newton = parts / 54 * GRAVITY * float(target.rig.model.body_mass[body])
@@ -371,7 +373,7 @@ def pushed(target: "Target", parts: float, for_s: float = math.inf) -> Effect:
 
 @machine_event("tone", "the floor vibrates at 20 Hz, 100 um/s RMS", hz=20.0, rms_m_per_s=1e-4)
 def swinging_floor(target: "Target", hz: float, rms_m_per_s: float) -> Effect:
-    """Let the floor swing along a random direction."""
+    """Let the floor oscillate along a random direction."""
     omega = 2 * math.pi * hz
     peak, step = math.sqrt(2.0) * rms_m_per_s * omega, omega * target.rig.period_s
     return _on_floor(target.direction(3), lambda tick: peak * math.sin(step * tick))
@@ -400,21 +402,21 @@ def scaled_mass(target: "Target", factor: float) -> Effect:
 
 @sensor_event("bias", "the zero jumps by 20 standard deviations", sigmas=20.0)
 def biased(target: "Target", sigmas: float, samples: float = math.inf) -> Effect:
-    """Add a constant in a random direction to some samples."""
+    """Add a constant of `sigmas` deviations in a random direction to the first `samples`."""
     off = sigmas * target.rig.noise * target.direction(len(target.rig.major))
     return Effect(measured=lambda tick, output: output + off if tick < samples else output)
 
 
 @sensor_event("scale", "readings are 1.2 times the true values", cause="scale", factor=1.2)
 def scaled(_: "Target", factor: float) -> Effect:
-    """Multiply the measurement."""
+    """Multiply the measurement by a factor."""
     return Effect(measured=lambda _, output: factor * output)
 
 
 @sensor_event("all_stuck", "all rows of readings freeze", part=1.0)
 @sensor_event("stuck", "one row of readings freezes", part=1.0, one_row=True)
 def repeated(target: "Target", part: float, *, one_row: bool = False) -> Effect:
-    """Repeat the last measurement, of all rows or a random one, in a fraction of the samples."""
+    """Repeat the last measurement of all rows, or of a random one, in a fraction of the samples."""
     uniform, m1 = target.rng.random, len(target.rig.major)
     rows, last = target.rng.integers(m1) if one_row else slice(None), np.empty(m1)
 
@@ -433,7 +435,7 @@ sensor_event("silent", "all readings are zero", factor=0.0)(scaled)
 
 @sensor_event("noisy", "the noise is five times as high", times=5.0)
 def noisy(target: "Target", times: float) -> Effect:
-    """Multiply the standard deviation of the noise."""
+    """Multiply the standard deviation of the noise by a factor."""
     added, normal = target.rig.noise * math.sqrt(times**2 - 1.0), target.rng.standard_normal
     return Effect(measured=lambda _, output: output + added * normal(len(output)))
 
@@ -451,15 +453,15 @@ def missing(target: "Target", part: float = 1.0, duration_s: float = math.inf) -
     return Effect(measured=measured)
 
 
-sensor_event("repeated", "a tenth of the samples repeats the one before", part=0.1)(repeated)
+sensor_event("repeated", "a tenth of the samples repeats the previous one", part=0.1)(repeated)
 sensor_event("spike", "one sample is off by a million standard deviations", sigmas=1e6, samples=1)(
     biased
 )
 
 
-@sensor_event("late", "samples come five ticks late", ticks=5)
+@sensor_event("late", "samples are five ticks late", ticks=5)
 def late(_: "Target", ticks: int) -> Effect:
-    """Delay the samples by some ticks; the first one is repeated until then."""
+    """Delay the samples by some ticks; the first sample is repeated until then."""
     recent = deque["Array"](maxlen=ticks + 1)
 
     def measured(_: int, output: "Array") -> "Array":
@@ -473,14 +475,14 @@ def late(_: "Target", ticks: int) -> Effect:
     "hum", "a sinusoid of 20 Hz and five standard deviations is added", sigmas=5.0, hz=20.0
 )
 def hum(target: "Target", sigmas: float, hz: float) -> Effect:
-    """Add a sinusoid along a random direction."""
+    """Add a sinusoid of `hz`, `sigmas` standard deviations, along a random direction."""
     peak = sigmas * target.rig.noise * target.direction(len(target.rig.major))
     step = 2 * math.pi * hz * target.rig.period_s
     return Effect(measured=lambda tick, output: output + peak * math.sin(step * tick))
 
 
 def _own_input(target: "Target", change: Callable[[int, float], float]) -> Effect:
-    """Return an effect that changes the input of the event's actuator within its drive's range."""
+    """Return an effect that changes the input of the event's actuator, within the drive's range."""
     k = target.actuator
     low, high = (target.input(end) if math.isfinite(end) else end for end in target.limits)
 
@@ -504,7 +506,7 @@ def _feedback(target: "Target", model: mujoco.MjModel, order: int) -> float:
 
 
 def _on_floor(along: "Array | list[float]", acceleration: Callable[[int], float]) -> Effect:
-    """Return an effect that accelerates the floor by a: a mass m gets the inertial force -m a."""
+    """Return an effect of an accelerated floor: each mass m gets the inertial force -m a."""
 
     def plant(tick: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         for axis, part in enumerate(along):

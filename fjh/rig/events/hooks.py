@@ -1,4 +1,4 @@
-"""Events of a run as hooks of a :class:`sim.Bench`."""
+"""Conversion of a run's events to hooks of a :class:`sim.Bench`."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -25,21 +25,20 @@ if TYPE_CHECKING:
 def events_of(
     rig: "Rig", events: object, *, begin_s: float = 0.0, lead_in_s: float = 0.0, seed: int = 0
 ) -> tuple[object, list[Failure]]:
-    """Return the hooks of a bench for events, None without any, and the failures that they cause.
+    """Return the hooks of a bench for events (None without any), and the failures that these cause.
 
     Args:
         rig: The machine.
-        events: A sequence of :class:`Event` and of objects with hooks as for :class:`sim.Bench`, or
-            one such object; None is no event.
+        events: List of :class:`Event` and of objects with hooks as for :class:`sim.Bench`, or one
+            such object; None: no events.
         begin_s: Time of the first tick of the path [s].
-        lead_in_s: Time [s] for which the loop is closed before; events at the first tick of the
-            path occur at the first tick of the lead-in, as failures do.
-        seed: Seed of random directions, actuators and samples; the first event of a name is the
-            same for any other events.
+        lead_in_s: Duration [s] of the control before the path; events (and failures) at the first
+            tick of the path occur at the first tick of this lead-in.
+        seed: Seed of random directions, actuators and samples; an event's random numbers do not
+            depend on events of other names.
 
     Raises:
-        TypeError: An event is not in a list or is given by its name alone, or an object has no
-            hooks.
+        TypeError: An event is not in a list or only its name is given, or an object has no hooks.
         WrongInput: An actuator that the robot does not have, or to which the event does not apply.
     """
     listed = [events] if isinstance(events, str | Event) else events
@@ -88,13 +87,13 @@ def effect_of(rig: "Rig", event: Event, seed: int, before: int = 0) -> tuple[Eff
 
 
 class Hooks:
-    """Hooks of all events of a machine: hooks of others first, then effects in their order."""
+    """Hooks of all events of a machine: those of user objects first, then effects by start."""
 
     def __init__(self, others: Iterable[object] = ()) -> None:
-        """Take hooks as for :class:`sim.Bench`; effects follow by `start`.
+        """Take objects with hooks as for :class:`sim.Bench`; :meth:`start` adds effects.
 
         Raises:
-            TypeError: An object has no such hooks.
+            TypeError: An object has no hooks.
         """
         self._effects, self._readers, self._pushes = list[tuple[int, Effect]](), list[Any](), False
         for plant, measured, sent in map(hooks_of, others):
@@ -106,7 +105,7 @@ class Hooks:
 
     @property
     def is_empty(self) -> bool:
-        """Return True without hooks and effects."""
+        """True if there are no hooks and no effects."""
         return not self._effects
 
     def start(self, tick: int, effect: Effect) -> None:
@@ -119,7 +118,7 @@ class Hooks:
         self._effects = [item for item in self._effects if item[1] is not effect]
 
     def plant(self, tick: int, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Act on the plant before the physics of a tick; forces of several events are added."""
+        """Change the plant before the physics of a tick; forces of several events are added."""
         if self._pushes:
             data.xfrc_applied[:] = 0.0
         for since, change in self._started("plant", tick):
@@ -142,14 +141,14 @@ class Hooks:
         return inputs
 
     def _started(self, hook: str, tick: int) -> list[tuple[int, Any]]:
-        """Return the number of ticks since each effect with this hook started, and the hook."""
+        """Return this hook of each started effect, with the number of ticks since its start."""
         started = [(tick - first, getattr(effect, hook)) for first, effect in self._effects]
         return [(since, change) for since, change in started if since >= 0 and change is not None]
 
 
 @dataclass(frozen=True)
 class Target:
-    """Machine on which an event acts, with the event's random generator."""
+    """Machine and actuator on which an event acts, with the event's random generator."""
 
     rig: "Rig"
     event: Event
@@ -176,7 +175,7 @@ class Target:
 
     @property
     def lock(self) -> int:
-        """Id of the equality that locks the event's own actuator; negative without one."""
+        """Id of the equality that locks the event's own actuator; negative if there is none."""
         return lock_of(self.rig.model, self.drive)
 
     @cached_property
@@ -202,14 +201,14 @@ class Target:
         return max(1, round(ticks)) if math.isfinite(ticks) else ticks
 
     def direction(self, axes: int) -> Array:
-        """Return a random unit vector, (axes,)."""
+        """Return a random unit vector, shape (axes,)."""
         normal = self.rng.standard_normal(axes)
         return normal / np.linalg.norm(normal)
 
     def moved(
         self, what: Literal["stiffness", "damping", "frictionloss"]
     ) -> Callable[[mujoco.MjModel], Array]:
-        """Return a function from a model to the view (1,) of a joint or tendon property.
+        """Return a function from a model to a writable property (1,) of the joint or tendon.
 
         Raises:
             WrongInput: The actuator moves neither a joint nor a tendon.
@@ -224,5 +223,5 @@ class Target:
         return lambda model: getattr(model, name)[k : k + 1]
 
     def unsupported(self, why: str) -> WrongInput:
-        """Return the error that the event does not apply to the machine."""
+        """Return the error that the event does not apply to this actuator."""
         return WrongInput(f"{self.event.name}: {self.rig.actuators[self.actuator]} {why}")

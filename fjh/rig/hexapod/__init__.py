@@ -1,1 +1,1 @@
-"""The hexapod testbed: constants, simulation, metrics, and the numbers of the paper."""
+"""Hexapod testbed: constants, simulation, metrics, and the numbers of the paper."""

@@ -15,7 +15,7 @@ from sim import Plant
 
 @dataclass(frozen=True)
 class Amplifier:
-    """Drive chain of one strut: DAC input, coil current, coil force on the suspension spring.
+    """Drive of one strut: DAC input [%], coil current, coil force, displacement of the suspension.
 
     Attributes:
         bits: Resolution of the two's-complement DAC.
@@ -25,7 +25,7 @@ class Amplifier:
         newton_per_m: Coil force per commanded strut displacement: the suspension's stiffness.
 
     Raises:
-        ValueError: Fewer than 2 or more than 53 bits, or another number that is not positive.
+        ValueError: `bits` is not from 2 to 53, or another number is not positive.
     """
 
     bits: int
@@ -35,9 +35,8 @@ class Amplifier:
     newton_per_m: float
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         if not 2 <= check.integer("bits", self.bits) <= 53:
-            raise ValueError(f"bits must lie in 2..53, got {check.short_repr(self.bits)}")
+            raise ValueError(f"bits must be from 2 to 53, got {check.short_repr(self.bits)}")
         for name in ("full_input_a", "limit_a", "newton_per_a", "newton_per_m"):
             check.number(name, getattr(self, name), check.SMALLEST)
 
@@ -69,7 +68,7 @@ class Amplifier:
 
 
 def _conversion(factor: float, lower: float, upper: float, gain: float, *, whole: bool) -> Struct:
-    """Return the kernel's conversion: times a factor, rounded if `whole`, clipped, times a gain."""
+    """Return the kernel's conversion: factor, rounding if `whole`, clipping, gain."""
     limits = {"lower": lower, "upper": upper}
     return Struct("conversion", factor=factor, gain=gain, whole=whole, **limits)
 
@@ -84,26 +83,26 @@ def _converted(name: str, value: Array, conversion: Struct) -> Array:
 def displacement_limits(
     model: mujoco.MjModel, amplifier: Amplifier, current_limit_a: ArrayLike | None = None
 ) -> tuple[Array, Array]:
-    """Return the displacements at which actuators can rest, within their ranges and the current.
+    """Return the displacements at which actuators can rest, by their ranges and currents.
 
     At rest a coil balances its suspension, so that a displacement l requires the current
     newton_per_m l / newton_per_a. Other forces (flexures, the shifted weight) are neglected: 0.1 %
-    of the current in the hexapod. A locked actuator rests anywhere without current: its limits do
-    not apply, and mappings of a failed mechanism leave them out.
+    of the current in the hexapod. The limits do not apply to a locked actuator, which rests without
+    current.
 
     Args:
         model: Model as for :class:`Plant`. Ranges are those of the joint or tendon, of the control
             and of the force that holds its spring; infinite if not stated.
-        amplifier: Drive chain of each actuator. 100 % of its input, its saturation and the largest
-            code of its converter limit the current.
-        current_limit_a: A smaller limit [A] for all or each of the actuators, shape () or (n,),
-            such as that of a hot coil. None is the amplifier's alone.
+        amplifier: Drive of each actuator. Its saturation and the converter's largest code limit the
+            current.
+        current_limit_a: Further limit [A] for all or each of the actuators, shape () or (n,), such
+            as that of a hot coil; None: only the amplifier's.
 
     Returns:
         Lower and upper displacement from the nominal position, shape (n,) each, [m].
 
     Raises:
-        ModelError: As :class:`Plant` for its actuators.
+        ModelError: An actuator is not supported by :class:`Plant`.
     """
     check.instance("amplifier", amplifier, Amplifier)
     lower, upper = Plant(check.instance("model", model, mujoco.MjModel)).limits()
@@ -114,7 +113,8 @@ def displacement_limits(
         currents = check.array("current_limit_a", current_limit_a, least=0.0)
         if currents.shape not in ((), lower.shape):
             raise ValueError(
-                f"current_limit_a must be one number or {len(lower)}, got shape {currents.shape}"
+                f"current_limit_a must be one number or {len(lower)} numbers, "
+                f"got shape {currents.shape}"
             )
         limit_m = currents * amplifier.newton_per_a / amplifier.newton_per_m
         least_m, most_m = np.maximum(least_m, -limit_m), np.minimum(most_m, limit_m)

@@ -26,7 +26,6 @@ class Posture(Pose):
     inverse_jacobian: Array
 
     def __post_init__(self) -> None:
-        """Check the arguments, and store read-only copies."""
         super().__post_init__()
         check.freeze_field(self, "displacement_m", 6)
         check.freeze_field(self, "inverse_jacobian", 6, 6)
@@ -35,7 +34,7 @@ class Posture(Pose):
         """Return [rotation vector; translation] (6,) of small strut displacements (6,).
 
         Raises:
-            ValueError: A wrong shape or non-finite numbers, or the pose is singular.
+            ValueError: The shape is wrong, a number is not finite, or the pose is singular.
         """
         displacement_m = check.array("displacement_m", displacement_m, 6)
         if self.inverse_jacobian.ndim != 2:
@@ -52,9 +51,9 @@ _NO_LENGTH = "pose must give every strut a nonzero length, got one whose nodes c
 
 @dataclass(frozen=True)
 class Hexapod:
-    """Nodes of a hexapod in base axes, measured from the nominal payload origin.
+    """Geometry of a hexapod: its nodes in base axes, measured from the nominal payload origin.
 
-    Methods accept batches of poses.
+    All methods except `moved` accept batches of poses.
 
     Attributes:
         bottom_m: Bottom node of each strut, on the base, shape (6, 3).
@@ -65,7 +64,6 @@ class Hexapod:
     top_m: Array
 
     def __post_init__(self) -> None:
-        """Check the arguments, and store read-only copies."""
         for name in ("bottom_m", "top_m"):
             check.freeze_field(self, name, 6, 3)
             check.array(name, getattr(self, name), 6, 3)
@@ -88,15 +86,15 @@ class Hexapod:
         return self.lengths_and_jacobian(pose, singular=True)[0] - self.nominal_length_m
 
     def inverse_jacobian(self, pose: Pose) -> Array:
-        """Return A in l_dot = A [omega; v], shape (..., 6, 6), with rows [(R a) x u, u]."""
+        """Return A in l_dot = A [omega; v] at a pose, (..., 6, 6), with rows [(R a) x u, u]."""
         posture = pose if isinstance(pose, Posture) else self.posture(pose)
         return posture.inverse_jacobian
 
     def posture(self, pose: Pose) -> Posture:
-        """Return the pose with its strut data; a `Posture` is returned unchanged.
+        """Return a pose with its strut displacements and A; a `Posture` is returned unchanged.
 
         Raises:
-            ValueError: A strut has zero length, and so no direction.
+            ValueError: A strut has zero length and so no direction.
         """
         if isinstance(pose, Posture):
             return pose
@@ -127,11 +125,11 @@ class Hexapod:
         return length_m, A
 
     def moved(self, pose: Pose, displacement_m: Array) -> Posture:
-        """Return the posture after strut displacements (6,), by one Newton step from a nearby pose.
+        """Return the posture at strut displacements (6,), by one Newton step from a nearby pose.
 
         Raises:
-            ValueError: A wrong shape or non-finite numbers; the pose is singular; or a strut has
-                zero length.
+            ValueError: An argument has a wrong shape or non-finite numbers, the pose is singular,
+                or a strut has zero length.
         """
         here = pose if isinstance(pose, Posture) else self.posture(pose)
         target_m = check.array("displacement_m", displacement_m, 6)
@@ -150,11 +148,11 @@ class Hexapod:
 
 
 def hexapod(model: mujoco.MjModel) -> Hexapod:
-    """Read the nodes from the bodies `housing1..6`, `tip1..6` and the sites of an MJCF model.
+    """Return the geometry in an MJCF model, from its bodies `housing1..6`, `tip1..6` and sites.
 
     Raises:
-        sim.ModelError: The model lacks one of them, or of `strut1..6` and `coil1..6`; or its coils
-            do not drive the struts in order.
+        sim.ModelError: A body, a site, a joint `strut1..6` or an actuator `coil1..6` is missing, or
+            the coils do not drive the struts in order.
     """
     check.instance("model", model, mujoco.MjModel)
     if model.nu != 6:

@@ -9,22 +9,22 @@ import argument_checks as check
 from argument_checks import Array
 
 COPPER_PER_K = 3.93e-3
-"""Rise of copper's resistance, relative to that at 20 degrees Celsius, [1]/[K]."""
+"""Relative increase of copper's resistance per kelvin, from 20 degrees Celsius, [1]/[K]."""
 _REFERENCE_C = 20.0
 
 
 @dataclass(frozen=True)
 class Coils:
-    """Windings that heat up, each a single thermal mass with its own thermal path to the ambient.
+    """Thermal model of n windings, each one thermal mass with a thermal resistance to the ambient.
 
         C dT/dt = R(T) I^2 - (T - T_ambient) / R_th,   R(T) = R_20 (1 + kappa (T - 20))
 
     The resistance rises with temperature: above I^2 = 1 / (kappa R_20 R_th) it never settles.
 
     Attributes:
-        resistance_ohm: R_20, resistance of each winding at 20 degrees Celsius.
-        heat_capacity_j_per_k: C, heat capacity of each winding.
-        thermal_resistance_k_per_w: R_th, from each winding to the ambient, shape (n,).
+        resistance_ohm: R_20, resistance of each winding at 20 degrees Celsius [Ohm].
+        heat_capacity_j_per_k: C, heat capacity of each winding [J]/[K].
+        thermal_resistance_k_per_w: R_th, from each winding to the ambient, shape (n,), [K]/[W].
         ambient_c: T_ambient, [degrees Celsius].
     """
 
@@ -34,7 +34,6 @@ class Coils:
     ambient_c: float
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         check.number("resistance_ohm", self.resistance_ohm, check.SMALLEST)
         check.number("heat_capacity_j_per_k", self.heat_capacity_j_per_k, check.SMALLEST)
         check.number("ambient_c", self.ambient_c)
@@ -47,7 +46,7 @@ class Coils:
         object.__setattr__(self, "thermal_resistance_k_per_w", check.frozen(paths))
 
     def cold(self) -> Array:
-        """Return the temperatures of coils in equilibrium without current, shape (n,)."""
+        """Return the temperatures of coils without current, shape (n,), [degrees Celsius]."""
         return np.full(len(self.thermal_resistance_k_per_w), self.ambient_c)
 
     def net_power_w(self, temperature_c: Array, current_a: Array) -> Array:
@@ -61,8 +60,8 @@ class Coils:
         """Return the exact temperatures (n,) after a period of constant currents (n,).
 
         Raises:
-            ValueError: A wrong shape or non-finite numbers, or a thermal runaway beyond finite
-                numbers.
+            ValueError: An argument has a wrong shape or non-finite numbers, or the temperatures
+                overflow.
         """
         temperature_c, current_a = self._checked(temperature_c, current_a)
         check.number("period_s", period_s, 0.0)
@@ -79,7 +78,7 @@ class Coils:
         return warmer_c
 
     def temperatures_c(self, current_a: Array, period_s: float) -> Array:
-        """Return temperatures (N, n) from cold at the start of each period of currents (N, n)."""
+        """Return temperatures (N, n) of initially cold coils before each of the currents (N, n)."""
         current_a = check.array("current_a", current_a, ..., *self.thermal_resistance_k_per_w.shape)
         if current_a.ndim != 2:
             raise ValueError(f"current_a must have shape (N, n), got {current_a.shape}")

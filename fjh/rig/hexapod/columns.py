@@ -1,4 +1,4 @@
-"""The hexapod's task, the columns of Table I, and the arrays of its data files."""
+"""Task of the hexapod, columns of Table I, and arrays of data files."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ class Column:
 
     Attributes:
         name: Name in `table1.json`.
-        goal: Weights, and the failure known to the mapping.
+        goal: Weights, and the failure that is known to the mapping.
         failures: Failures of the plant.
     """
 
@@ -57,7 +57,7 @@ def secondary(run: Run) -> Array:
 
 
 def secondary_estimated(run: Run) -> Array:
-    """Return the secondary motion that the controller estimates, (N, 4), else zeros."""
+    """Return the estimated [gamma_rad, t_x_m, t_y_m, t_z_m] of a run, (N, 4), or zeros."""
     return np.zeros((len(run.time_s), 4)) if run.estimated is None else run.estimated[:, 2:]
 
 

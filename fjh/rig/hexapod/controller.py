@@ -1,4 +1,4 @@
-"""The hexapod's controller: compensators of Fig. 3, mapping to strut displacements."""
+"""Controller of the hexapod: compensators of Fig. 3 and the mapping to strut displacements."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ ANGLES = ("alpha", "beta")
 
 @dataclass(frozen=True)
 class Loop(Compensator, Margins):
-    """A compensator with the margins of its loop on the healthy plant."""
+    """Compensator, with the stability margins of its loop on the healthy plant."""
 
 
 def design(plant: LinearPlant, pointing: Array, bench: TestbedConfig) -> tuple[Loop, Loop]:
@@ -40,7 +40,7 @@ def design(plant: LinearPlant, pointing: Array, bench: TestbedConfig) -> tuple[L
 
     Args:
         plant: Linear model of the healthy plant.
-        pointing: Gains from demanded (alpha, beta) to strut displacements, shape (n, 2).
+        pointing: Gains from demanded (alpha, beta) to strut displacements, shape (n, 2), [m]/[rad].
         bench: Crossovers, roll-off and control period.
 
     Raises:
@@ -81,15 +81,15 @@ def _designed(plant: LinearPlant, pointing: Array, bench: TestbedConfig, row: in
         return compensator(channel, shape, bench.control_period_s)
     except UnstableLoop:
         raise ModelError(
-            f"the {angle} loop is unstable on this machine at a crossover of {hz} Hz: lower it, "
-            "or give the struts more damping"
+            f"the {angle} loop is unstable on this machine at a crossover of {hz} Hz: choose "
+            "a lower crossover, or give the struts more damping"
         ) from None
     except NoResponse:
         raise ModelError(f"the coils do not move {angle}") from None
 
 
 def sampled(plant: LinearPlant, gain: Array, period_s: float) -> "control.StateSpace":
-    """Return the zero-order-hold model of the plant from `gain`'s inputs to the twist."""
+    """Return the zero-order-hold model of the plant from the inputs of `gain` to the twist."""
     import control  # late, as above
 
     continuous = control.ss(plant.A, plant.B @ gain, plant.C_twist, 0)
@@ -100,11 +100,11 @@ NO_COMMAND = PreviousCommand(np.zeros(2), np.zeros(6), np.zeros(6))
 
 
 class StrutJacobians(NamedTuple):
-    """Exact Jacobians of struts and payload, theta_dot = [l_dot; x_dot].
+    """Exact Jacobians of struts and payload; theta_dot = [l_dot; x_dot], with shapes (6,) and (6,).
 
     Attributes:
-        J_T: Twist of the payload, shape (6, 12).
-        J_C: Closures of the six struts, shape (6, 12).
+        J_T: Jacobian of the payload twist, shape (6, 12).
+        J_C: Jacobian of the six struts' closures, shape (6, 12).
     """
 
     J_T: Array
@@ -115,7 +115,7 @@ class HexapodGeometry:
     """Closed-form geometry of the healthy hexapod, a :class:`ftc.control.geometry.Geometry`."""
 
     def __init__(self, hexapod: Hexapod, *, constant: bool, stiffness: Array | None) -> None:
-        """Take the nodes; `constant` evaluates the Jacobian at the nominal pose alone.
+        """Take the nodes; `constant` fixes the Jacobian at that of the nominal pose.
 
         `stiffness`, over [struts; payload twist], determines the position of free struts.
         """
@@ -129,7 +129,7 @@ class HexapodGeometry:
         )
 
     def jacobians(self, pose: Pose) -> "StrutJacobians | ConstrainedSystem":
-        """Return the Jacobians of struts and payload, l_dot = A x_dot, at a pose."""
+        """Return the Jacobians of struts and payload at a pose, from l_dot = A x_dot."""
         if self.constant or pose is self.nominal:
             return self.system
         J_C = self.system.J_C.copy()
@@ -145,8 +145,7 @@ class HexapodGeometry:
         """Return the pose after strut displacements (6,), from the pose one tick before.
 
         This is one Newton step on the strut lengths, exact to round-off for the motion of a tick.
-        With the analytic Jacobian the result is a `Posture`, whose struts the mapping and the next
-        estimate need.
+        With the analytic Jacobian the result is a `Posture`, which mapping and next estimate need.
         """
         if self.constant:
             return NOMINAL.moved(self.nominal.twist(displacements))
@@ -173,15 +172,15 @@ class StrutMapping(PrioritizedMapping[Pose]):
         when_limited: WhenLimited = "least_squares",
         allocate: Callable[[Kinematics], Any] | None = None,
     ) -> None:
-        """Prepare the mapping at the nominal pose; "analytic" re-evaluates it at every call.
+        """Prepare the mapping at the nominal pose; with "analytic" it is evaluated at each pose.
 
-        `stiffness`, over [struts; payload twist], determines the position of free struts; `limits`
-        are lower and upper strut displacements, shape (6,) each [m]; `allocate` as in
+        `stiffness` (12, 12) over [struts; payload twist] determines the position of free struts;
+        `limits` are lower and upper strut displacements, (6,) each [m]; `allocate` is that of
         :class:`ftc.PrioritizedMapping`.
 
         Raises:
-            ValueError: Free or loose struts without stiffness: an unstable singularity. A strut
-                locked off center in incremental form, whose displacement no increment contains.
+            ValueError: Free or loose struts need a stiffness (without it they are an unstable
+                singularity), or the incremental form cannot represent a strut locked off center.
         """
         self.geometry = geometry
         self.jacobian = jacobian
@@ -197,7 +196,7 @@ class StrutMapping(PrioritizedMapping[Pose]):
 
 
 def nominal_plant(model: mujoco.MjModel) -> tuple[LinearPlant, Array]:
-    """Return the healthy plant, linear, and W_a's gain (6, 2) from (alpha, beta) at J_0.
+    """Return the linear healthy plant, and the gain (6, 2) of W_a at the nominal pose.
 
     Raises:
         sim.ModelError: The machine is not a hexapod.
@@ -208,7 +207,7 @@ def nominal_plant(model: mujoco.MjModel) -> tuple[LinearPlant, Array]:
 
 
 def nominal_loops(model: mujoco.MjModel, bench: TestbedConfig) -> tuple[Loop, Loop]:
-    """Return the compensators, designed once on the healthy plant with W_a and J_0.
+    """Return the compensators, designed for the healthy plant with W_a at the nominal pose.
 
     Raises:
         sim.ModelError: The machine is not a hexapod, or its pointing loops cannot be closed.
@@ -231,7 +230,7 @@ def controller_for(
         goal: Weights, and the known failures.
         jacobian: Jacobian of the mapping.
         form: How eq. (41) becomes a displacement.
-        feedforward: Whether the reference itself is demanded; in the paper it is not.
+        feedforward: Whether the reference is added to the demand; in the paper it is not.
     """
     bench = testbed.bench
     return PrioritizedController(

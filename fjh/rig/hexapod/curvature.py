@@ -1,4 +1,4 @@
-"""Cost of the hexapod's curvature for a goal: geometry alone, without inertia and noise."""
+"""Cost of the hexapod's curved geometry for a goal, without dynamics and noise."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ TICKS_A_POINT = 4  # enough to settle: each reduces the error to its fraction e 
 
 @dataclass(frozen=True)
 class Visited:
-    """Displacements (T, 6) [m] of a path with (alpha, beta) (T, 2) and secondary motion (T, 4)."""
+    """Strut displacements (T, 6), (alpha, beta) (T, 2) and secondary motion (T, 4) of a path."""
 
     strut_m: Array
     pointing_rad: Array
@@ -50,11 +50,11 @@ def follow(mapping: StrutMapping, desired_rad: Array) -> Visited:
 def optimum(geometry: Hexapod, goal: Goal, pointing_rad: Array) -> Visited:
     """Return the strut displacements with exact pointing and least cost, curvature included.
 
-    Minimizes |W1 l|^2 + |W2 s|^2 over all poses with this pointing (T, 2), s being the secondary
-    motion, by Gauss-Newton steps: the mapping at the present pose.
+    Minimizes |W1 l|^2 + |W2 s|^2, with displacements l and secondary motion s, over all poses with
+    this pointing (T, 2), by Gauss-Newton steps, each of which is the mapping at the present pose.
 
     Raises:
-        RuntimeError: It does not converge.
+        RuntimeError: The iteration does not converge.
     """
     mapping = StrutMapping(geometry, goal, "analytic", form="gauss_newton")
     strut_m, pose, best_m = np.zeros(6), NOMINAL, []
@@ -79,7 +79,7 @@ def goal_vector(goal: Goal, visited: Visited) -> Array:
 
 
 def extra_percent(geometry: Hexapod, goal: Goal, visited: Visited) -> float:
-    """Return the RMS distance of a path from the optimum at the same pointing, in % of its cost."""
+    """Return a path's RMS distance from the optimum of equal pointing, in % of its cost."""
     least = goal_vector(goal, optimum(geometry, goal, visited.pointing_rad))
     return 100 * float(np.linalg.norm(goal_vector(goal, visited) - least) / np.linalg.norm(least))
 

@@ -1,4 +1,4 @@
-"""The position-sensitive detector behind the telescope."""
+"""Position-sensitive detector behind the telescope."""
 
 from dataclasses import dataclass
 
@@ -30,7 +30,7 @@ def secondary_motion(rotation: Array, translation_m: Array) -> Array:
         translation_m: Payload origin in base axes, shape (..., 3).
 
     Raises:
-        ValueError: A wrong shape, non-finite numbers, or no rotation.
+        ValueError: A shape is wrong, a number is not finite, or `rotation` is no rotation.
     """
     rotation = check.array("rotation", rotation, ..., 3, 3)
     translation_m = check.array("translation_m", translation_m, ..., 3)
@@ -48,7 +48,7 @@ def secondary_motion(rotation: Array, translation_m: Array) -> Array:
 
 @dataclass(frozen=True)
 class Detector:
-    """Detector on the payload of a laser spot from the base (section 4.1).
+    """Detector on the payload that measures a laser spot from the base (section 4.1).
 
     Attributes:
         focal_length_m: Effective focal length of the telescope.
@@ -56,7 +56,7 @@ class Detector:
         noise_m: Standard deviation of the spot position, each axis, each sample.
 
     Raises:
-        ValueError: A length that is not positive, or noise that is negative.
+        ValueError: A length is not positive, or the noise is negative.
     """
 
     focal_length_m: float
@@ -64,13 +64,12 @@ class Detector:
     noise_m: float
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         check.number("focal_length_m", self.focal_length_m, check.SMALLEST)
         check.number("half_width_m", self.half_width_m, check.SMALLEST)
         check.number("noise_m", self.noise_m, 0.0)
 
     def read(self, rotation: Array, rng: np.random.Generator) -> Array:
-        """Return measured (alpha, beta), shape (2,), [rad], by small-angle optics.
+        """Return the measured (alpha, beta), shape (2,), [rad], by small-angle optics.
 
         Args:
             rotation: Payload axes in base axes, shape (3, 3).

@@ -16,13 +16,13 @@ from sim import Array, Jacobians, Plant, jacobians
 from sim.mjcf import element_id, joint_stiffness
 
 STRUTS = tuple((f"strut{k}", f"coil{k}") for k in range(1, 7))
-"""Names of the hexapod's actuators: for people, and in its file."""
+"""Names of the hexapod's actuators: in text, and in its MJCF file."""
 
 
 def strut_and_payload_stiffness(model: mujoco.MjModel) -> Array:
     """Return the stiffness over [six strut displacements; payload twist in base axes], (12, 12).
 
-    The suspensions resist the struts; the flexures, all other springs, resist the payload.
+    The suspensions are springs of the struts; the flexures act as springs of the payload.
     """
     jac, stiffness = _nominal_jacobians(model), joint_stiffness(model)
     flexures = stiffness.copy()
@@ -42,7 +42,7 @@ def _nominal_jacobians(model: mujoco.MjModel) -> Jacobians:
 def elastic_system(
     model: mujoco.MjModel, suspension: dict[int, float] | None = None
 ) -> ConstrainedSystem:
-    """Return the complete mechanism with its springs, 42 velocities, at the nominal pose.
+    """Return the mechanism of 42 velocities with its springs, at the nominal pose.
 
     Args:
         model: The hexapod.
@@ -68,11 +68,11 @@ def pointing_classifications(atlas: FailureAtlas) -> list[Classification]:
 
 
 HEAVE = (1.0,) * 6
-"""Direction of the dither: all six struts lengthen together, the payload heaves along the line of
+"""Direction of the dither: all six struts lengthen together and move the payload along the line of
 sight.
 
-The columns of J_m of the six struts add up to zero, statically and, by the threefold symmetry of
-the machine, at any frequency. A strut that does not follow leaves its own column uncompensated: six
+The six columns of J_m add up to zero, statically and, by the threefold symmetry of the machine, at
+any frequency. If one strut does not move, the rest of the sum points along its own column: six
 directions in the plane of (alpha, beta), 60 degrees apart, one for each strut.
 """
 
@@ -80,12 +80,12 @@ STILL = Dither(0.0, 0.0, HEAVE)
 
 DITHER = Dither(0.5e-6, 20.0, HEAVE)
 """Dither of the hexapod: a failed strut causes 1.2 urad, four times the detector's noise. Its
-frequency is above the loops' crossovers, which would suppress it; below the modes from 32 Hz on,
-where the linear model would have to be more exact; and high enough for inertia to move a free
-strut."""
+frequency is above the loops' crossovers, below which the loops suppress it; below the modes from 32
+Hz on, near which the linear model is less exact; and high enough for inertia to move a free strut.
+"""
 
 UNUSED: Unused = "locked"
-"""Behavior of struts without force: the springs of the suspensions hold them."""
+"""Behavior of struts without force: the springs of their suspensions hold them."""
 
 
 def nominal_model(
@@ -96,8 +96,8 @@ def nominal_model(
     Args:
         model: The machine.
         bench: Periods and noise.
-        strut_sensors: Whether the outputs are (alpha, beta) and the six gauges of the struts, or
-            (alpha, beta) alone.
+        strut_sensors: Whether the outputs are the six strut gauges after (alpha, beta), or (alpha,
+            beta) alone.
     """
     import control  # late, as in ftc.compensator
 
@@ -122,7 +122,7 @@ def nominal_model(
 
 
 def fault_text(fault: Fault | None) -> str:
-    """Return a fault as text, its strut numbered 1 to 6; None is no fault."""
+    """Return a fault as text with its strut numbered from 1, such as "strut 1 weak to 50 %"."""
     if fault is None:
         return "healthy"
     remaining = f" to {100 * fault.effectiveness:.0f} %" if fault.kind == "weak" else ""

@@ -8,14 +8,14 @@ from fjh.rig.hexapod.closed_form import Hexapod
 from sim import NOMINAL, Array, Pose
 
 _ROUND_OFF = 16 * np.finfo(float).eps
-"""Accepted residual, relative to the strut lengths and the node distances."""
+"""Accepted residual relative to strut lengths and node distances."""
 _LONGEST_TURN_RAD = 0.5
 _SHORTEST_STEP = 2.0**-8
 _LONGEST_M = 1e50
 
 
 class UnreachableLengths(ValueError):
-    """Error: no pose was found with these strut lengths.
+    """Error that no pose was found with the requested strut lengths.
 
     Attributes:
         reached: True for the members of the batch that were reached, shape (...).
@@ -23,7 +23,7 @@ class UnreachableLengths(ValueError):
     """
 
     def __init__(self, reached: Array, residual_m: Array, target_m: Array) -> None:
-        """Create the message for the worst of a batch (...) of displacements (..., 6)."""
+        """Create a message on the worst member of a batch (...) of displacements (..., 6)."""
         self.reached, self.residual_m = reached, residual_m
         count = f"{np.sum(~reached)} of {reached.size} sets of " if reached.size > 1 else ""
         worst = greatest(np.where(reached, -1.0, residual_m).ravel())
@@ -37,14 +37,13 @@ class UnreachableLengths(ValueError):
 def forward_kinematics(
     geometry: Hexapod, displacements_m: Array, start: Pose = NOMINAL, most_steps: int = 60
 ) -> Pose:
-    """Return the pose at which the struts have the given displacements from nominal lengths.
+    """Return the pose at which the struts have given displacements from their nominal lengths.
 
-    Newton's method with the analytic Jacobian for the whole batch at once, quadratically convergent
-    near the solution. Far from it a step that does not reduce the error of the lengths is halved.
-    Of the up to forty poses with the same lengths (Dietmaier 1998, "The Stewart-Gough platform of
-    general geometry can have 40 real postures") the result is the one that Newton's method reaches
-    from `start`: for strokes that are small against the struts, the one to which the assembled
-    machine moves.
+    Newton's method with the analytic Jacobian solves the whole batch at once; a step that does not
+    reduce the error of the lengths is halved. Of the up to forty poses with the same lengths
+    (Dietmaier 1998, "The Stewart-Gough platform of general geometry can have 40 real postures") the
+    result is the one that Newton's method reaches from `start`; for strokes that are small relative
+    to the struts it is the pose of the assembled machine.
 
     Args:
         geometry: The hexapod.
@@ -54,11 +53,12 @@ def forward_kinematics(
             strokes of a percent.
 
     Returns:
-        The pose, batch shape (...); each strut is exact to round-off, 16 eps of its length and of
-        the distances of the nodes from the payload origin.
+        The pose, batch shape (...); strut lengths are exact to 16 eps of their size and of the
+        distances of the nodes from the payload origin.
 
     Raises:
-        UnreachableLengths: Some lengths belong to no pose, or to one beyond a singularity.
+        UnreachableLengths: Newton's method finds no pose for some lengths: none exists, or it is
+            beyond a singularity.
     """
     check.instance("geometry", geometry, Hexapod)
     check.integer("most_steps", most_steps)
@@ -105,7 +105,7 @@ def _spread_m(geometry: Hexapod) -> float:
 
 
 def _newton_step(geometry: Hexapod, pose: Pose, missing_m: Array) -> Array:
-    """Return the Newton step as a twist (..., 6), limited to where the linearization holds."""
+    """Return the Newton step as a twist (..., 6), limited to the range of the linearization."""
     # A strut of zero length has no direction: its pose is not changed, and is rejected.
     with np.errstate(invalid="ignore"):
         _, A = geometry.lengths_and_jacobian(pose, singular=True)

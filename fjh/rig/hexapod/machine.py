@@ -1,4 +1,4 @@
-"""The hexapod in the loop: settled plant, detector, gauges, amplifiers, floor."""
+"""Hexapod for the control loop: settled plant, detector, gauges, amplifiers, floor."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -20,20 +20,20 @@ THIRD_OCTAVE = 2 ** (1 / 6) - 2 ** (-1 / 6)
 """Width of a one-third-octave band over its centre frequency."""
 
 FLOOR_BAND_HZ = (8.0, 80.0)
-"""Band in which the generic vibration criteria are constant in velocity."""
+"""Frequency band [Hz] in which the generic vibration criteria have a constant velocity."""
 
 
 @dataclass(frozen=True, eq=False)
 class HexapodMachine:
-    """A hexapod whose plant may differ from its controllers' model.
+    """Simulated hexapod whose plant may differ from its controllers' model.
 
     Attributes:
-        testbed: Controllers' model, and the constants around it.
+        testbed: Model of the controllers, and constants of the testbed.
         differs: Differences of the plant; by default none.
-        start_m: Strut displacements (6,) of the coils when a run starts; None is no current. A
-            failure at time 0 then locks a strut off center.
-        floor_m_per_s2: Acceleration of the floor in base axes at each tick of a run's path, shape
-            (N, 3), at rest before it; None is a floor at rest.
+        start_m: Strut displacements (6,) at the start of a run; None: zero. A strut that locks at
+            time 0 is then off center.
+        floor_m_per_s2: Acceleration of the floor in base axes at each tick of the path, shape (N,
+            3), zero in a lead-in; None: zero.
     """
 
     everything: ClassVar[Mismatch] = ALL
@@ -45,7 +45,7 @@ class HexapodMachine:
     floor_m_per_s2: Array | None = None
 
     def with_mismatch(self, sizes: Mismatch, seed: int) -> "HexapodMachine":
-        """Return the same machine with a plant sampled with these sizes from the seed."""
+        """Return the same machine with a plant that is sampled with these sizes and seed."""
         if sizes == EXACT:
             return replace(self, differs=Differences())
         return replace(self, differs=sampled_differences(self.testbed.model, sizes, seed))
@@ -58,7 +58,7 @@ class HexapodMachine:
 
     @cached_property
     def equilibrium(self) -> mujoco.MjData:
-        """State of the settled machine, computed once for all runs; copied to worker processes.
+        """State of the settled machine, computed once for all runs.
 
         Raises:
             sim.SimulationDiverged: The simulated state became non-finite.
@@ -91,7 +91,7 @@ class HexapodMachine:
         )
 
     def floor(self, ticks: int) -> Array | None:
-        """Return the sampled acceleration of the floor at each tick, (N, 3); None is at rest."""
+        """Return the sampled acceleration of the floor at each tick, (N, 3); None: at rest."""
         if not self.differs.floor_m_per_s:
             return None
         period_s = self.testbed.bench.control_period_s
@@ -103,7 +103,7 @@ class HexapodMachine:
         """Return the given acceleration of the floor at times (N,), preceded by zeros in a lead-in.
 
         Raises:
-            ValueError: It does not have the ticks of the path.
+            ValueError: The given acceleration has another number of ticks than the path.
         """
         if self.floor_m_per_s2 is None:
             return None
@@ -119,8 +119,8 @@ class HexapodMachine:
     def _drives(self) -> Callable[[Array], Array]:
         """Return a function from inputs (n,) to displacements (n,), called once per tick.
 
-        A :class:`sim.Plant` is commanded by displacements and so balances its own springs and
-        gains; the ratio to the nominal ones is restored here.
+        A :class:`sim.Plant` compensates its own springs and gains; the factor relative to the
+        nominal ones is restored here.
         """
         nominal, amplifiers = self.testbed.model, self.testbed.amplifier().displacements
         if self.model is nominal:  # a model that may have servos without springs
@@ -131,10 +131,10 @@ class HexapodMachine:
 
 
 class DriftingDrives:
-    """Displacements as a function of inputs, for drives whose gains drift with each call."""
+    """Function from inputs to displacements, whose gains drift with each call."""
 
     def __init__(self, amplifiers: Callable[[Array], Array], gains: Array, per_tick: Array) -> None:
-        """Take drives, their initial gains (n,), and the relative drift of each per tick, (n,)."""
+        """Take the drives, their initial gains (n,), and the relative drift per tick (n,)."""
         self._amplifiers, self._gains, self._per_tick, self._ticks = amplifiers, gains, per_tick, 0
 
     def __call__(self, input_percent: Array) -> Array:
@@ -145,15 +145,15 @@ class DriftingDrives:
 
 
 def _per_control(model: mujoco.MjModel) -> Array:
-    """Return the displacement of each suspension per control of its coil, shape (6,)."""
+    """Return the displacement [m] of each suspension per control of its coil, shape (6,)."""
     return model.actuator_gainprm[:, 0] / model.jnt_stiffness[model.actuator_trnid[:, 0]]
 
 
 class HexapodSensors:
-    """The detector behind the telescope, with a drifting zero (N, 2), and the gauges."""
+    """Sensors of the hexapod: the detector, with a drifting zero (N, 2), and the strut gauges."""
 
     def __init__(self, bench: TestbedConfig, seed: int, zero_rad: Array) -> None:
-        """Start at the first tick, with noise of this seed."""
+        """Prepare for the first tick, with noise of this seed and the detector's zeros (N, 2)."""
         self._detector, self._gauges = bench.detector(), bench.strut_sensors()
         # Separate generators: reading the gauges must not change the detector's noise.
         self._detector_rng = np.random.default_rng(seed)
@@ -161,7 +161,7 @@ class HexapodSensors:
         self._zero_rad, self._tick = zero_rad, 0
 
     def read(self, pose: Pose, displacements: Array) -> Reading:
-        """Return pointing and displacements with noise."""
+        """Return pointing and strut displacements with noise."""
         zero_rad, self._tick = self._zero_rad[self._tick], self._tick + 1
         return Reading(
             output=self._detector.read(pose.rotation, self._detector_rng) + zero_rad,

@@ -1,4 +1,4 @@
-"""Measures of a run (errors, margins), their tolerances, and the plant's constants."""
+"""Measures of a run (errors, margins) and their tolerances; constants of the plant."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -34,8 +34,7 @@ def loop_measures(loop: Loop) -> dict[str, Any]:
 def percent(difference: Array, whole: Array) -> float:
     """Return the size of a difference of twists or wrenches (..., 6), in percent of the whole.
 
-    Rotation and translation, or moment and force, are compared separately; the larger of the two
-    ratios counts.
+    The result is the larger of the two ratios for rotation and translation, or moment and force.
     """
     parts = (slice(0, 3), slice(3, 6))
     ratios = [np.linalg.norm(difference[..., p]) / np.linalg.norm(whole[..., p]) for p in parts]
@@ -43,28 +42,28 @@ def percent(difference: Array, whole: Array) -> float:
 
 
 PREDICTION_TOLERANCE = 0.004
-"""Largest relative difference between a complete run's RMS and the linear model's, an expectation.
+"""Largest relative difference of a complete run's RMS from that expected by the linear model.
 
-Measured over all columns of Table I and eight seeds: 0.13 % at the most.
+The largest measured difference is 0.13 %, over all columns of Table I and eight seeds.
 """
 
 
 def prediction_tolerance(duration_s: float) -> float:
-    """Return the largest relative RMS error of the linear model over part of the spiral.
+    """Return the largest relative difference from the linear model's RMS over part of the spiral.
 
-    The detector's noise scatters the RMS. Over a shorter part the error is smaller, as the spiral
-    is, and the noise is averaged less: 1.13 % at the most over 4 s.
+    Over a shorter part the error is smaller and the detector noise is averaged less, so that the
+    RMS scatters more: up to 1.13 % over 4 s.
     """
     return PREDICTION_TOLERANCE * (TestbedConfig().duration_s / duration_s) ** 1.5
 
 
 def is_cut(summary: Mapping[str, Any]) -> bool:
-    """Return True if only part of the spiral was run, which the paper's numbers do not describe."""
+    """Return True if only part of the spiral was run: then it is not comparable with the paper."""
     return summary["duration_s"] < summary["bench"]["duration_s"]
 
 
 def plant_constants(model: mujoco.MjModel) -> dict[str, float | list[float]]:
-    """Return the plant's constants from the compiled model, those of the first strut for all.
+    """Return the constants of the compiled model; those of the first strut stand for all struts.
 
     Raises:
         sim.ModelError: The model lacks one of the named parts.

@@ -1,4 +1,4 @@
-"""Mismatch of a hexapod: springs, hysteresis, drifts and floor besides the general sizes."""
+"""Mismatch of a hexapod: general sizes, and springs, hysteresis, drifts and floor."""
 
 from dataclasses import dataclass, replace
 
@@ -23,12 +23,11 @@ ALL = Mismatch(
     hysteresis=0.01,
     timestep_s=2.5e-4,
 )
-"""Mismatch of all kinds at once, the floor at VC-C.
+"""Mismatch of all kinds at once, with a floor at vibration criterion VC-C.
 
-With 1 % of the stiffness slipping, the loss factor of a suspension is at most 0.01 / pi = 0.3 %,
-where all elements are stretched to twice their slip. That is in the range of metal springs in
-clamps; the flexures of `fjh.xml` have 1 %. The physics step is twice the model's: MuJoCo's error of
-frequency and damping doubles, and a run takes half the time.
+With 1 % of the stiffness slipping, the loss factor of a suspension is at most 0.01 / pi = 0.3 %, as
+for metal springs in clamps; the flexures of `fjh.xml` have 1 %. The physics step is twice the
+model's, which doubles MuJoCo's errors of frequency and damping.
 """
 
 SIZES = (
@@ -44,28 +43,27 @@ ALONE: dict[str, Mismatch] = {name: Mismatch(**{name: size}) for name, size in A
 """Mismatches with a single size of :data:`ALL` each."""
 
 SAMPLED = ("gain", "stiffness", "damping", "inertia")
-"""Sizes sampled for each part, with a prior in the diagnosis: `ftc.fdi.uncertainty.TYPICAL`."""
+"""Sizes that are sampled for each part; `ftc.fdi.uncertainty.TYPICAL` has the diagnosis's prior."""
 
 OTHER = replace(ALL, family="lognormal", **{name: 2 * getattr(ALL, name) for name in SAMPLED})
-"""Mismatch of another family than the prior's: log-normal, correlated between parts, twice as wide
-"""
+"""Mismatch of another family than the diagnosis's prior: log-normal, correlated, twice as wide"""
 
 SLIP_M = (0.3e-6, 30e-6)
-"""Range of the stretch at which an element of the hysteresis slips, sampled log-uniformly: from
-less than the dither of a diagnosis, 0.5 um, to more than the struts move on the spiral."""
+"""Range of the stretch [m] at which a hysteresis element slips, sampled log-uniformly: from less
+than the dither of 0.5 um to more than the struts move on the spiral."""
 
 ELEMENTS = 4
-"""Number of elements in the hysteresis of each suspension, equally stiff."""
+"""Number of equally stiff elements in the hysteresis of each suspension."""
 
 
 @dataclass(frozen=True, eq=False)
 class Differences:
-    """Differences between a hexapod and its controllers' model; by default none.
+    """Differences between a hexapod's plant and its controllers' model; by default none.
 
     Attributes:
         model: Model of the plant: springs, dampers, inertias, gains of the coils, physics step;
             None is the controllers' model.
-        hysteresis: Hysteresis parallel to the model's suspension springs, or None.
+        hysteresis: Hysteresis parallel to the suspension springs, or None.
         gain_drift_per_s: Relative drift rate of each coil's gain from the start of a run.
         delay_ticks: Delay of commands in control ticks.
         floor_m_per_s: RMS velocity of the floor in each third octave.
@@ -85,13 +83,13 @@ class Differences:
 def sampled_differences(nominal: mujoco.MjModel, sizes: Mismatch, seed: int) -> Differences:
     """Return the sampled differences of a machine from its controllers' model.
 
-    The same seed gives the same plant and drift for any controller and duration, and the same floor
-    in runs of one length. Each difference has its own random stream: a plant sampled with one size
-    alone has the same value as with all others. The suspensions are preloaded again, as at
-    commissioning: the payload rests at the nominal pose for any springs and weights.
+    A seed determines plant and drift for any controller and duration, and the floor for runs of one
+    length. Each size has its own random stream, so that its samples do not depend on other sizes.
+    The suspensions are preloaded again, as at commissioning, so that the payload rests at the
+    nominal pose.
 
     Raises:
-        sim.ModelError: A machine whose struts are not driven by coils against springs.
+        sim.ModelError: The struts are not driven by coils against springs.
     """
     if not has_suspensions(nominal):
         raise ModelError("a mismatch needs struts with suspension springs, got one without")
@@ -123,14 +121,13 @@ def has_suspensions(model: mujoco.MjModel) -> bool:
 
 
 def _suspensions(model: mujoco.MjModel) -> Array:
-    """Return the joints of the coils, shape (6,)."""
     return model.actuator_trnid[:, 0]
 
 
 def _set_springs(
     model: mujoco.MjModel, sizes: Mismatch, streams: RandomStreams
 ) -> MaxwellSlip | None:
-    """Sample all springs; a part of the suspensions becomes elements that slip."""
+    """Sample all springs; replace part of the suspensions' stiffness by elements that slip."""
     model.jnt_stiffness[:] *= streams.factors("stiffness", model.njnt, sizes.stiffness)
     if not sizes.hysteresis:
         return None

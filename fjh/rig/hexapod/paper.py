@@ -12,7 +12,7 @@ JACOBIAN = np.array(
         [-0.289, -0.289, -0.289, -0.289, -0.289, -0.289],
     ]
 )
-"""Eq. (39), section 4.1: rates of [alpha, beta, gamma, t_x, t_y, t_z] per strut rate."""
+"""Jacobian (39), section 4.1: rates of [alpha, beta, gamma, t_x, t_y, t_z] per strut rate."""
 
 CONDITION_NUMBER = 4.92
 """Condition number of eq. (39), section 4.1."""

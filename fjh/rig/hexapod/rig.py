@@ -1,4 +1,4 @@
-"""The rig of the testbed's hexapod: its loops, its diagnosis, its plant."""
+"""Rig of the testbed's hexapod: loops, diagnosis and plant."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -47,18 +47,18 @@ _BEYOND = 2.0
 
 @dataclass(frozen=True)
 class HexapodControl:
-    """Control loops of the hexapod, and the models of its diagnosis.
+    """Control loops of the hexapod, and models of its diagnosis.
 
     Attributes:
-        testbed: Controllers' model, the constants around it, compensators.
+        testbed: Model of the controllers, constants of the testbed, compensators.
         goal: Goal without failures.
         nominal: Linear model from strut displacements to (alpha, beta).
-        elastic: The machine with its springs, without failures.
-        jacobian: Jacobian of a controller's mapping.
+        elastic: Healthy mechanism with its springs.
+        jacobian: Jacobian of the controllers' mapping, "analytic" or "constant".
         form: How eq. (41) becomes a displacement.
-        feedforward: Whether the path is demanded through the inverse of the linear model; in the
-            paper it is not.
-        limits: Limits of the mapping: none.
+        feedforward: Whether controllers add the demands of the inverse linear model; in the paper
+            they do not.
+        limits: Limits of the mapping; None: there are none.
         unused: Behavior of struts without force: held by the springs of the suspensions.
     """
 
@@ -74,21 +74,21 @@ class HexapodControl:
 
     @property
     def diagnosis_model(self) -> NominalModel:
-        """Linear model to the measurements of the diagnosis: the detector alone."""
+        """Linear model to the measurements of the diagnosis, which are those of the detector."""
         return self.nominal
 
     @property
     def loops(self) -> tuple[Compensator, Compensator]:
-        """The (alpha, beta) compensators."""
+        """Compensators of alpha and beta."""
         return self.testbed.loops
 
     @property
     def margins(self) -> list[Margins]:
-        """Stability margins of both loops, if known."""
+        """Stability margins of both loops; empty if the compensators have none."""
         return [loop for loop in self.testbed.loops if isinstance(loop, Margins)]
 
     def mapping(self, goal: Goal) -> StrutMapping:
-        """Return the closed-form mapping for a goal, with the constant Jacobian."""
+        """Return the closed-form mapping for a goal, with the Jacobian of the nominal pose."""
         return StrutMapping(self._geometry, goal, "constant", self.testbed.stiffness)
 
     @cached_property
@@ -129,13 +129,13 @@ class HexapodControl:
 
 
 def nominal_testbed(bench: TestbedConfig | None = None) -> Testbed:
-    """Return the paper's machine with these constants around it, with its compensators."""
+    """Return the paper's machine with these constants, and compensators designed for them."""
     model, around = load_model(), TestbedConfig() if bench is None else bench
     return Testbed(model, around, nominal_loops(model, around))
 
 
 def pursuing(rig: Rig, goal: Goal, **control: Any) -> Rig:
-    """Return the same hexapod, its plant shared, with another goal of its controllers.
+    """Return a hexapod that shares the plant of another, with another goal of its controllers.
 
     `control` is `jacobian`, `form` or `feedforward` of :class:`HexapodControl`.
     """
@@ -152,12 +152,12 @@ def hexapod_rig(
     floor_m_per_s2: Array | None = None,
     **control: Any,
 ) -> Rig:
-    """Return the hexapod on its exact plant.
+    """Return the hexapod with a plant that equals the controllers' model.
 
     Args:
         testbed: Machine and constants; None is the paper's.
         goal: Goal without failures; W_a by default.
-        size: Radius of its path, [rad]; None is that of the testbed's spiral.
+        size: Radius of the default path, [rad]; None is that of the testbed's spiral.
         start_m: Strut displacements at the start, as for :class:`HexapodMachine`.
         floor_m_per_s2: Acceleration of the floor, as for :class:`HexapodMachine`.
         control: `jacobian`, `form` and `feedforward` of :class:`HexapodControl`.

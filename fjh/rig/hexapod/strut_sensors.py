@@ -19,7 +19,6 @@ class StrutSensors:
     noise_m: float
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
         check.number("noise_m", self.noise_m, 0.0)
 
     def read(self, displacement_m: Array, rng: np.random.Generator) -> Array:

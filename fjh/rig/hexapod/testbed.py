@@ -1,4 +1,4 @@
-"""Constants of the testbed that the paper does not give, and the testbed itself."""
+"""Constants of the testbed, most of which the paper does not give, and the testbed."""
 
 import copy
 from dataclasses import dataclass, replace
@@ -44,44 +44,42 @@ LIMITS: dict[str, tuple[float, float]] = {
 
 @dataclass(frozen=True)
 class TestbedConfig:
-    """Constants around the plant; *calibrated* ones were fitted to Table I's W_a..W_e.
+    """Constants around the plant; *calibrated* ones are fitted to Table I, columns W_a to W_e.
 
     Attributes:
         duration_s: Length of a run (paper).
-        quick_duration_s: Part of a run with --quick.
+        quick_duration_s: Length of a run with --quick.
         spiral_radius_urad: Final radius of the spiral (calibrated).
         spiral_period_s: Time of one turn; eight turns in 16 s (calibrated).
-        spiral_exponent: Radius and angle grow with (t / duration)^exponent: 1 is a constant angular
-            rate, 1/2 a constant speed along the spiral.
-        spiral_start_deg: Direction in which the spiral leaves the center, from alpha towards beta.
+        spiral_exponent: Exponent of radius and angle, (t / duration)^exponent: 1 is a constant
+            angular rate, 1/2 a constant speed along the spiral.
+        spiral_start_deg: Initial direction of the spiral, an angle from alpha towards beta.
         spiral_direction: 1 turns from alpha towards beta, -1 the other way.
         alpha_crossover_hz: Gain crossover of the alpha loop (calibrated).
         beta_crossover_hz: Gain crossover of the beta loop (calibrated).
         roll_off_hz: Corner of the second-order low-pass in both compensators: below the plant's
-            modes, far enough above crossover to leave 57 degrees of phase margin.
+            modes, and far enough above crossover for 57 degrees of phase margin.
         roll_off_damping: Damping ratio of this low-pass.
         demand_limit_urad: Largest pointing, each of alpha and beta, that the compensators may
             demand of the mapping; None is no limit.
-        anti_windup: Conditional integration: a compensator at its limit keeps its state while the
-            error would drive it further. Without it, the integrators wind up.
+        anti_windup: Whether a compensator at its limit stops integrating.
         control_period_s: Fixed rate of the controller, 1 kHz; eight physics steps.
         focal_length_m: Effective focal length of the telescope (paper).
         detector_half_width_m: Half the side of a 10 mm detector; 5 mrad of range.
-        detector_noise_m: Spot noise of one sample, standard deviation: 0.3 urad (calibrated).
+        detector_noise_m: Standard deviation of the spot in one sample: 0.3 urad (calibrated).
         dac_bits: Resolution of the converters (paper).
         dac_full_input_a: Coil current commanded at 100 % input: 80.01 N, full stroke.
-        amplifier_limit_a: Current at which the amplifier saturates: the same.
+        amplifier_limit_a: Current at which the amplifier saturates, equal to `dac_full_input_a`.
         coil_newton_per_a: Motor constant.
-        settling_s: Time at rest before a run: fifteen periods of the slowest mode, for the last
-            nanometers of sag.
-        strut_sensor_noise_m: Standard deviation of one sample of a strut's displacement sensor: an
-            eddy-current gauge over this stroke. Only runs that request these sensors use them.
-        handover_s: Time in which the secondary motion of a previous mapping fades: slow against the
-            suspension modes, fast against the spiral.
+        settling_s: Time at rest before a run, in which the sag settles: fifteen periods of the
+            slowest mode.
+        strut_sensor_noise_m: Standard deviation of one sample of a strut's eddy-current gauge.
+        handover_s: Time in which the secondary motion of a previous mapping fades: long compared
+            with the suspension modes, short compared with the spiral.
 
     Raises:
-        ValueError: A constant is no number or outside its `LIMITS`, or the direction is neither 1
-            nor -1.
+        ValueError: A constant is no number or outside its `LIMITS`, or `spiral_direction` is not 1
+            or -1.
         TypeError: `anti_windup` is no boolean.
     """
 
@@ -135,7 +133,7 @@ class TestbedConfig:
         return np.arange(round(seconds / self.control_period_s)) * self.control_period_s
 
     def desired_rad(self, time_s: Array) -> Array:
-        """Return the spiral at the given times, shape (N, 2)."""
+        """Return the desired (alpha, beta) at times (N,) [s], shape (N, 2), [rad]."""
         return spiral(
             time_s,
             self.spiral_radius_urad * 1e-6,
@@ -146,7 +144,7 @@ class TestbedConfig:
         )
 
     def spiral_rad(self, duration_s: float | None = None, begin_s: float = 0.0) -> Array:
-        """Return the spiral at each tick, (N, 2), from a time on; None is its full duration."""
+        """Return the spiral at each tick from `begin_s` on, (N, 2), [rad]; None: `duration_s`."""
         duration_s = self.duration_s if duration_s is None else duration_s
         return self.desired_rad(begin_s + self.time_s(duration_s))
 
@@ -180,11 +178,11 @@ class TestbedConfig:
 
 @dataclass(frozen=True)
 class Testbed:
-    """A machine with all constants around it, the same in many runs.
+    """Machine, with its constants and compensators, that many runs share.
 
     Attributes:
-        model: Model of the machine's controllers, which copy it.
-        bench: Constants around the plant.
+        model: Model for the controllers, which copy it.
+        bench: Constants of the testbed.
         loops: The (alpha, beta) compensators, see
             :func:`fjh.rig.hexapod.controller.nominal_loops`.
         stiffness: Stiffness of the struts and the payload, shape (12, 12), for goals with free
@@ -199,7 +197,7 @@ class Testbed:
     stiffness: Array | None = None
 
     def scaled(self, *, stroke: float = 1.0, spiral: float = 1.0) -> "Testbed":
-        """Return a machine with longer strokes, coils and amplifiers for them, and a larger spiral.
+        """Return a machine with scaled stroke (and coils, amplifiers) and scaled spiral.
 
         The detector covers the spiral; its noise and the crossovers are unchanged.
         """

@@ -17,16 +17,16 @@ def spiral(
 ) -> Array:
     """Return an Archimedean spiral (alpha, beta) from the center outwards, shape (N, 2), [rad].
 
-    Radius and angle grow with (t / duration)^exponent: in proportion to time with 1; at constant
-    speed with 1/2, except for the first part of a turn.
+    Radius and angle grow with (t / duration)^exponent: 1 is a constant angular rate, 1/2 a constant
+    speed except at the beginning.
 
     Args:
         time_s: Times, not negative, shape (N,) [s].
         radius_rad: Radius reached at `duration_s`.
-        turns: Turns made by then; positive from alpha towards beta, negative the other way.
+        turns: Number of turns until then; positive from alpha towards beta, negative the other way.
         duration_s: Duration of the complete spiral [s].
         exponent: Exponent of the time law, above 0 and at most 1.
-        start_rad: Direction in which it leaves the center, from alpha towards beta.
+        start_rad: Direction in which it leaves the center, an angle [rad] from alpha towards beta.
     """
     time_s = check.array("time_s", time_s, None, least=0.0)
     check.number("radius_rad", radius_rad)

@@ -349,7 +349,7 @@ def test_a_stored_solution_does_not_change_with_further_steps(name, frame, locke
     [
         (2 * [FrameTask("payload")], [], "no task twice"),
         ([FrameTask("payload")], ["joint1"], "joint1"),
-        ([[FrameTask("payload", weight=[1, 2])]], [], r"must be one number or 6, got 2"),
+        ([[FrameTask("payload", weight=[1, 2])]], [], r"must be one number or 6 numbers, got 2"),
     ],
 )
 def test_invalid_levels_are_rejected(tasks, active, pattern):

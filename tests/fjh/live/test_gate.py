@@ -70,7 +70,7 @@ def test_invalid_values_are_rejected_and_values_beyond_a_range_clamped(page, cap
     handles = page._server.gui._gui_input_handle_from_uuid
     group, weight, times = (
         next(uuid for uuid, h in handles.items() if getattr(h, "label", "") == label)
-        for label in ("strut2", "W1 strut3", "motion times")
+        for label in ("strut2", "W1 strut3", "Magnification")
     )
     former = {uuid: handle.value for uuid, handle in handles.items()}
     with connected(page, "http://127.0.0.1:{port}") as client:

@@ -50,11 +50,11 @@ def test_diverged_machines_are_replaced_with_a_message(page, monkeypatch):
     monkeypatch.setattr(page.session, "advance", diverge)
     page.advance(0.005, until=np.inf)
     assert page.session.states == ["healthy"] * 6 and page.session.tick == 5
-    assert "these are new machines" in page._panel.message
+    assert "the page shows new machines" in page._panel.message
 
 
 def test_neither_a_tunnel_nor_a_port_of_another_program_is_opened(page):
     """The method that viser calls when a client clicks on sharing opens no tunnel."""
     assert page._server.request_share_url() is None
-    with pytest.raises(WrongInput, match="another program listens there; leave --port out"):
+    with pytest.raises(WrongInput, match="used by another program"):
         LocalServer(page._server.get_port())

@@ -183,6 +183,6 @@ def test_diagnosis_without_calibration_reports_that_it_learns(session):
     session.advance(100)
     session.diagnose(False)
     session.diagnose(True)
-    assert diagnosis(session).startswith("Learning the healthy machine in the first 0.8 s")
+    assert diagnosis(session).startswith("The diagnosis is calibrated in the first 0.8 s")
     duration_s = until(session, lambda it: it == "All actuators are assumed healthy.", 1.0)
     assert duration_s == pytest.approx(0.8, abs=0.03)

@@ -83,7 +83,7 @@ def test_statement_of_a_recording_is_checked(recorded, monkeypatch, wrong):
 def test_recording_of_an_earlier_version_is_rejected_in_one_sentence(made, monkeypatch, stated):
     properties = [{"flight": stated, "marks": "[]"}, {}]
     monkeypatch.setattr(reading, "groups_of", lambda path: properties)
-    with pytest.raises(WrongInput, match=r"made\.rrd was recorded by an earlier version"):
+    with pytest.raises(WrongInput, match=r"made\.rrd is of another version"):
         read_run(made / "made.npz")
 
 

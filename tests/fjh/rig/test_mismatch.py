@@ -144,7 +144,7 @@ def test_scaling_multiplies_all_sizes():
 
 def test_an_inapplicable_size_is_rejected_by_name():
     for name in shared_rig("arm").machine.unknown:
-        with pytest.raises(WrongInput, match=f"no mismatch of {name}, got 0.001"):
+        with pytest.raises(WrongInput, match=f"{name} does not apply to this robot, got 0.001"):
             shared_rig("arm").with_mismatch(replace(EXACT, **{name: 1e-3}), 0)
 
 

@@ -232,5 +232,12 @@ def test_rotary_actuators_move_by_angles_and_linear_ones_by_lengths(name):
 
 
 def test_the_hexapod_moves_by_lengths_and_points_by_angles():
-    rig = shared_rig("hexapod")
-    assert set(rig.units) == {"m"} and set(rig.row_units) == {"rad"}
+    assert set(shared_rig("hexapod").units) == {"m"} and set(shared_rig("hexapod").row_units) == {
+        "rad"
+    }
+
+
+@BOTH
+def test_the_model_of_the_diagnosis_has_an_output_for_each_measurement(name):
+    model = shared_rig(name).diagnosis_model
+    assert len(model.noise) == len(model.plant.C) >= len(shared_rig(name).major)

@@ -64,8 +64,8 @@ def test_invalid_matrix_file_is_rejected_in_one_sentence(tmp_path, text, message
         (["--upper", "L.csv"], "with 3"),
         (["--hold", "1,x"], "--hold: there is no file"),
         (["--major", "2"], "--major must be different rows from 0 to 1 or of row 0,row 1"),
-        (["--site", "tip"], "--site is for a robot"),
-        ([str(MODELS / "arm.xml")], "one of them is surveyed at a time"),
+        (["--site", "tip"], "--site applies to a robot"),
+        ([str(MODELS / "arm.xml")], "give either a MODEL.xml or --matrix"),
     ],
 )
 def test_invalid_options_of_a_matrix_are_rejected(
