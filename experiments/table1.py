@@ -126,7 +126,7 @@ def table1(
         for name, column in BY_NAME.items()
     }
     own_rigs = {name: rigs["own", name] for name in BY_NAME}
-    _ = rig.machine.rest  # computed once for all processes
+    _ = rig.machine.equilibrium  # computed once for all processes
     mismatched = rigs_with_mismatch(own_rigs, seed, quick=quick)
     rigs["next seed", "W_a"] = own_rigs["W_a"]
     rigs |= {("controller", name): own_rigs[name] for name in REPRESENTATIVE if controller}
