@@ -73,7 +73,7 @@ class HexapodControl:
     unused: Unused = field(default=UNUSED, init=False)
 
     @property
-    def watched(self) -> NominalModel:
+    def diagnosis_model(self) -> NominalModel:
         """Linear model to the measurements of the diagnosis: the detector alone."""
         return self.nominal
 
@@ -109,7 +109,7 @@ class HexapodControl:
         return Supervisor(
             self.goal,
             self.controller,
-            monitor(self.watched, config=replace(DEFAULT_CONFIG, dither_hz=hz)),
+            monitor(self.diagnosis_model, config=replace(DEFAULT_CONFIG, dither_hz=hz)),
             self._can,
             self.nominal,
             self.unused,
