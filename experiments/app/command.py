@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
-from experiments.app.terminal import print_notes, print_summary, print_table, progress
+from experiments.app.terminal import print_summary, progress
 from experiments.studies import command_of
 from fjh.study.errors import Interrupted, Unsound
 from fjh.study.files import (
@@ -34,10 +34,13 @@ def command(study: Study) -> Callable[..., None]:
     def run(*, out: Path, quiet: bool, **values: Any) -> None:
         result, summary = conduct(study, out, show=not quiet, **values)
         if not quiet:
-            for table in result.views:
-                print_table(table)
-            print_notes(result.notes)
-            print_summary(result.checked, *_next_steps(name, result, summary, out, values))
+            print_summary(
+                result.checked,
+                *_next_steps(name, result, summary, out, values),
+                tables=result.views,
+                notes=result.notes,
+                more=f"More in {out / name}.md",
+            )
         if failed := result.failed:
             raise Unsound(f"a check failed: {failed[0]}")
 
