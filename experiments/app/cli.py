@@ -14,7 +14,7 @@ from experiments.app.commands import animate, render, results, review
 from experiments.app.exit_codes import INTERRUPTED, WRONG_INPUT, exit_message
 from experiments.app.live import live
 from experiments.app.report import report
-from experiments.studies import PAPER, ROBOT, study
+from experiments.studies import LINES, PAPER, ROBOT, study
 from fjh.study.interrupts import INTERRUPTION, interrupted, notice
 
 HELP = """Keep a robot on task when its actuators fail; simulated in MuJoCo.
@@ -111,6 +111,10 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         # During shell completion the command line is in the environment.
         completed = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")
+        is_silent = completed or {"--help", "--quiet"} & {*command_line}
+        if sys.stderr.isatty() and {*LINES, "report"} & {*command_line[:2]} and not is_silent:
+            # The progress bar overwrites this line after the imports, which take seconds.
+            print("fjh: starting", end="\r", file=sys.stderr, flush=True)
         code = app_of(*command_line[:2], *completed.split()[1:3])(
             args=command_line, prog_name="fjh", standalone_mode=False
         )

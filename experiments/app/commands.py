@@ -66,14 +66,18 @@ def _list(folders: list[Path]) -> list[str]:
     checks = frames.checks
     failed = checks[~checks.passed.astype(bool)] if len(checks) else checks
     for (study, place), runs in frames.runs.groupby(["study", "folder"], sort=False):
-        count, wrong = (int((one.folder == place).sum()) for one in (checks, failed))
-        title, passed = f"{study or 'recordings'} in {place}", count - wrong
-        notes.append(f"{title}: {len(runs):,} runs, {passed} of {count} checks passed")
+        count, wrong = (
+            int(((one.study == study) & (one.folder == place)).sum()) for one in (checks, failed)
+        )
+        title, passed = f"{study or 'recordings'} in {place}", f"{count - wrong} of {count} checks"
+        notes.append(f"{title}: {len(runs):,} run{'s' * (len(runs) > 1)}, {passed} passed")
         plain = runs.drop(columns=["study", "folder"]).dropna(axis=1, how="all")
-        flat = plain.loc[:, [not isinstance(value, list | dict) for value in plain.iloc[0]]]
-        first, *numbers = [flat.columns[0], *flat.columns[1:][flat.dtypes.iloc[1:] == float]]
-        columns = " ".join([first, *(f"{name}:.4g" for name in numbers)])
-        tables.append(TableView(title, flat, columns))
+        plain = plain.rename(columns=lambda name: re.sub(r"[\s:=]", "_", name))
+        # Errors are more important than settings.
+        numbers = plain.iloc[:, 1:].select_dtypes(float)
+        numbers = sorted(numbers, key=lambda name: "rms" not in name)
+        columns = [plain.columns[0], *(f"{name}:.4g" for name in numbers)]
+        tables.append(TableView(title, plain, " ".join(columns)))
     more = "More in the files, and in Python from fjh.results"
     if len(tables) > 1:
         tables, more = [], "More with fewer folders"

@@ -110,9 +110,9 @@ def _fitted(
             texts += text
         else:
             hidden["note"] += 1
-    for table in tables:
+    for number, table in enumerate(tables):
         left = room - len(texts) - len(lines)
-        block, rows = _table_lines(table, width, left if table is tables[0] else None)
+        block, rows = _table_lines(table, width, None if number else left)
         hidden += Counter(row=rows, table=len(block) > left)
         lines += block if len(block) <= left else []
     return [*lines, *texts], hidden
@@ -174,11 +174,12 @@ def _halves(heading: str) -> tuple[str, str]:
 
 def _wrapped(text: str, width: int, most: int) -> list[str]:
     """Return a text in lines, at most some; the last line says if more are left out."""
-    from rich.console import Console  # late, as above
+    from rich.cells import set_cell_size  # late, as above
+    from rich.console import Console
     from rich.text import Text
 
     wrapped = Text(printable(text)).wrap(Console(), width)
     lines = [line.plain.rstrip() for line in wrapped] * bool(text)
     if len(lines) > most:
-        lines[most - 1] = f"{lines[most - 1][: width - 3].rstrip()}..."
+        lines[most - 1] = f"{set_cell_size(lines[most - 1], width - 3).rstrip()}..."
     return lines[:most]
