@@ -563,7 +563,7 @@ def printed_tables(tables: dict[str, pd.DataFrame]) -> list[TableView]:
             "Size of the spiral, over the paper's, at which a constant Jacobian costs 1 and 10 %",
             tables["costs"],
             "cost percent=cost_percent:g spiral_factor=size:.0f "
-            "e_visited_frobenius=change_of_J:.1e",
+            "e_visited_frobenius=change_of_jacobian:.1e",
         ),
         of_eq_40[1],
         TableView(

@@ -346,7 +346,7 @@ NUMBERS = (
     ),
     ("input [%]", "largest_input_percent", ".3f"),
     *((f"peak {' ['.join(key.rsplit('_', 1))}]", key, ".3f") for key in MOTIONS),
-    ("closure residual [m]", "closure_residual_max_m", ".1e"),
+    ("closure [m]", "closure_residual_max_m", ".1e"),
 )
 """Label, key and format of the rows of the printed Table I."""
 
@@ -377,9 +377,9 @@ def printed_tables(
             f"Table I, {settings['configuration']}: RMS of desired minus true angle, "
             f"{settings['duration_s']:g} s of the spiral",
             printed(columns, *BY_NAME, cut=cut),
-            " ".join(["quantity", *BY_NAME]),
-            "Strut 1 is locked in the last three columns. Detector: desired minus measured angle, "
-            "as in the paper. Mismatched: on another plant, with its floor.",
+            " ".join(["quantity", *BY_NAME]).replace("W_a_unc", "W_a_uncorrected=unc"),
+            "Strut 1 is locked in the last three columns; uncorrected is W_a. Detector: desired "
+            "minus measured angle, as in the paper. Mismatched: on another plant.",
         ),
         TableView(
             "Further runs: difference from the table, or from the prediction",

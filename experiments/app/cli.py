@@ -27,16 +27,16 @@ Start with `fjh table1`, which is `fjh paper table1`: a minute on two cores.
 """
 PAPER_HELP = """Reproduce the paper, and validate what this package adds to it.
 
-Each study simulates one experiment in MuJoCo and prints its tables; `fjh paper report` runs most
-of them. `python -m experiments STUDY` is the same as `fjh paper STUDY`.
+Each study simulates one experiment in MuJoCo and prints the main numbers; `fjh paper report` runs
+most of them. `python -m experiments STUDY` is the same as `fjh paper STUDY`.
 """
 EXIT_CODES = """\b
 Exit codes:
   0    all checks of the results passed
-  1    a check failed, a simulation diverged, no picture could be rendered, or the program has a
-       bug: with FJH_TRACEBACK=1 in the environment the traceback is printed
+  1    a check failed, a simulation diverged, no picture could be rendered, or
+       the program has a bug: FJH_TRACEBACK=1 in the environment shows where
   2    wrong input
-  130  interrupted (143 by SIGTERM, 129 by SIGHUP); no file is left half-written
+  130  interrupted (143 by SIGTERM, 129 by SIGHUP); no file is half-written
 """
 
 # The command prints its own message instead of MuJoCo's warnings.
