@@ -498,7 +498,7 @@ def printed_tables(
     known = runs[runs.column == "W_d"].set_index("candidate").add_prefix("known_")
     return [
         TableView(
-            "Strut 1 locked: RMS errors if unknown over those of W_a, and RMS errors if known (W_d)",
+            "Strut 1 locked: RMS errors over those of W_a, and RMS errors if it is known (W_d)",
             candidates.join(known, on="name"),
             "name explains alpha_ratio:.2f beta_ratio:.2f "
             "known_alpha_rms_urad=alpha_if_known_urad:.1f "
