@@ -64,12 +64,11 @@ class Comparison:
             lines = [f"{len(frame)} {heading}{':' if len(frame) else '.'}"]
             for row in frame.head(most).to_dict("records"):
                 texts = {key: f"{x:.6g}" if _is_number(x) else str(x) for key, x in row.items()}
+                form = "{place}\n{a} -> {b}"
                 if "what" in texts:
-                    place, values = "{where}: {what}", "{value}, expected below {limit}"
-                else:
-                    place, values = "{place}", "{a} -> {b}"
-                values = printable(values.format_map(texts))[:VALUES_WIDTH]
-                place = printable(place.format_map(texts))
+                    form = "{where}: {what}\n{value}, expected below {limit}"
+                place, values = (printable(one.format_map(texts)) for one in form.split("\n"))
+                values = values[:VALUES_WIDTH]
                 cut = len(place) - (79 - len("- : ") - len(values))
                 lines.append(f"- {place if cut <= 0 else f'...{place[cut + 3 :]}'}: {values}")
             lines += [f"- {len(frame) - most} more"] * (len(frame) > most)

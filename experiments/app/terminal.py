@@ -50,14 +50,7 @@ def progress(description: str, *, show: bool = True) -> Iterator[OnProgress]:
 
 
 def print_summary(checked: str, written: Path, following: str, **contents: Any) -> None:
-    """Print the result of a command, at most 25 lines.
-
-    Args:
-        checked: Sentence with the result of the checks.
-        written: File to open first.
-        following: Command to run next.
-        contents: Arguments of :func:`print_result`.
-    """
+    """Print the checks, the file to open first, the command to run next, and above the contents."""
     files = f"Files are in {written.parent}; open {written.name} first."
     print_result(ending=[checked, files, f"Next: {following}"], **contents)
 
@@ -71,13 +64,8 @@ def print_result(
 ) -> None:
     """Print tables, notes and the ending on standard output, at most 25 lines.
 
-    A table is printed if it fits, the first one at least in part.
-
-    Args:
-        tables: Tables, the most important one first.
-        notes: Sentences, the most important one first.
-        more: Where all of them are.
-        ending: A sentence, and lines that must not be broken.
+    Tables and notes are printed in their order if they fit, the first table at least in part; a
+    line with the place `more` counts the others. `ending` is a sentence, and unbroken lines.
     """
     from rich.console import Console  # late, as above
 
@@ -151,12 +139,8 @@ def _columns(table: "TableView", width: int) -> tuple[list[str], list[str], list
             if is_number or limit < _CUT:
                 left_out.append(heading)
                 continue
-            short = (set_cell_size(cell, limit - 3).rstrip() + "..." for cell in column)
-            column = [
-                cell if cell_len(cell) <= limit else cut
-                for cell, cut in zip(column, short, strict=True)
-            ]
-            size = limit
+            short = {cell: f"{set_cell_size(cell, limit - 3).rstrip()}..." for cell in column}
+            size, column = limit, [c if cell_len(c) <= limit else short[c] for c in column]
         for k, cell in enumerate(column):
             space, gap = " " * (size - cell_len(cell)), "  " * (used > 0)
             lines[k] += gap + (space + cell if is_number and used else cell + space)

@@ -207,13 +207,8 @@ class Result:
     ) -> dict[str, Any]:
         """Write NAME.json, NAME.md, Parquet, figures, data and recordings: all of them, or none.
 
-        Args:
-            name: Name of the study.
-            folder: Folder of the files.
-            on_progress: Called with the written and the total number of recordings and figures.
-
-        Returns:
-            The contents of the JSON file, which name all files.
+        The progress is that of recordings and figures. Returns the contents of the JSON file, which
+        name all files.
 
         Raises:
             OutputError: The folder cannot be written.
