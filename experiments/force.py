@@ -594,16 +594,18 @@ def printed_tables(tables: dict[str, pd.DataFrame]) -> list[TableView]:
     torque = torques.weighed_over_mapping
     return [
         TableView(
-            "Theorems 7, 8, 9: largest error of the simulation",
-            theorems.max().rename(columns=lambda name: name.replace("_off", "")),
-            "condition major_percent:.2g pressed_percent:.2g held_percent:.2g moved_percent:.2g",
-            "major, pressed: on a fixture. held, moved: strut forces, payload, under a load.",
+            "Theorems 7, 8, 9: largest difference between simulation and prediction",
+            theorems.max(),
+            "condition major_percent=major_force_percent:.2g "
+            "pressed_off_percent=wrench_percent:.2g held_off_percent=strut_forces_percent:.2g "
+            "moved_percent=position_percent:.2g",
+            "Major force and wrench: on a fixture. Strut forces and position: under a load.",
         ),
         TableView(
             "First prescribed wrench, and displacement of the payload",
-            loads.rename(columns=lambda name: name.removeprefix("simulated_")),
-            "condition mapping lacking_force_n:.2f translation_um:.2f pointing_urad:.2f",
-            "lacking: missing force. translation, pointing: simulated.",
+            loads,
+            "condition mapping lacking_force_n=missing_force_n:.2f "
+            "simulated_translation_um=translation_um:.2f simulated_pointing_urad=pointing_urad:.2f",
         ),
         TableView(
             "First prescribed wrench, reaction of the lock",
@@ -613,13 +615,15 @@ def printed_tables(tables: dict[str, pd.DataFrame]) -> list[TableView]:
         TableView(
             "One major force, hexapod without failure: weighted torque over the mapping's",
             torques.max().assign(least=torque.min(), largest=torque.max()).reset_index(),
-            "way major_weight_per_n_m:g least:.3f largest:.3f major_off_percent:.3g",
+            "way=method least:.3f largest:.3f major_off_percent=error_of_force_percent:.3g "
+            "major_weight_per_n_m=major_weight:g",
         ),
         TableView(
             "Over-actuated platform, without internal force and with it used",
             tables["internal_force"],
-            "name internal_force weighed_rms_n:.1f hot_motor_rms_n:.1f least_squeeze_n:.1f",
-            f"weighed: norm of the torques, the hot motor's {HOT:g} times.",
+            "name internal_force weighed_rms_n=weighted_norm_n:.1f "
+            "hot_motor_rms_n=hot_motor_n:.1f least_squeeze_n:.1f",
+            f"Weighted norm of the torques: {HOT:g} times that of the hot motor.",
         ),
     ]
 

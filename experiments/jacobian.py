@@ -546,31 +546,33 @@ def printed_tables(tables: dict[str, pd.DataFrame]) -> list[TableView]:
         TableView(
             "Eq. (40): largest relative change of J over the stroke",
             tables["variation"],
-            "norm value:.5f certified_upper_bound:.5f paper:.4f",
+            "norm value:.5f certified_upper_bound=proven_bound:.5f paper:.4f",
         ),
         TableView(
             "Eq. (40), other readings",
             tables["tried"],
-            "reading frobenius:.5f two:.5f low_fraction:.2f",
-            "low_fraction: fraction of the stroke for which a reading gives both printed numbers.",
+            "reading frobenius=Frobenius:.5f two=2-norm:.5f low_fraction=fraction_of_stroke:.2f",
+            "Fraction of the stroke for which a reading gives both printed numbers.",
         ),
     ]
     if "runs" not in tables:
         return of_eq_40
     return [
-        *of_eq_40,
+        of_eq_40[0],
         TableView(
-            "Closed loop: deviation of the secondary goal from its optimum and error of the loop "
-            "gain, %; differences from the Jacobian of each tick",
-            tables["runs"],
-            "column variant seed spiral_factor:g extra_percent:.2f static_extra_percent:.2f "
-            "loop_gain_error_percent:.2f pointing_rms_change_urad:.1e gamma_change_rms_urad:.1e",
-            "spiral_factor: size over the paper's. extra: simulated; static: from geometry alone.",
-        ),
-        TableView(
-            "Size of the spiral at which a constant Jacobian costs 1 and 10 %, interpolated",
+            "Size of the spiral, over the paper's, at which a constant Jacobian costs 1 and 10 %",
             tables["costs"],
-            "cost percent:g spiral_factor:.0f e_visited_frobenius:.1e",
+            "cost percent=cost_percent:g spiral_factor=size:.0f "
+            "e_visited_frobenius=change_of_jacobian:.1e",
+        ),
+        of_eq_40[1],
+        TableView(
+            "Closed loop: deviation of the secondary goal from its optimum, simulated and static "
+            "(from geometry alone); error of the loop gain; change from the Jacobian of each tick",
+            tables["runs"],
+            "column variant spiral_factor:g extra_percent=deviation_percent:.2f "
+            "static_extra_percent=static_percent:.2f loop_gain_error_percent:.2f seed "
+            "pointing_rms_change_urad=pointing_urad:.1e gamma_change_rms_urad=gamma_urad:.1e",
         ),
     ]
 

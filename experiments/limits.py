@@ -565,23 +565,34 @@ def printed_tables(
     spirals: pd.DataFrame, arm: pd.DataFrame, conditions: pd.DataFrame, out_of_reach: pd.DataFrame
 ) -> list[TableView]:
     """Return the printed tables."""
-    columns = "strategy rms_urad:.0f peak_urad:.0f attainable_rms_urad:.0f recovery_s:.2f "
-    columns += "secondary_rms_um:.0f rms_over_strict:.3f"
+    columns = (
+        "strategy rms_over_strict:.3f rms_urad:.0f peak_urad:.0f recovery_s=longest_miss_s:.2f "
+    )
+    columns += "attainable_rms_urad:.0f secondary_rms_um:.0f"
+    legend = "Longest miss: time for which an attainable target is missed by "
+    legend += f"{1e6 * RECOVERED_RAD:.0f} urad more than without limits."
     groups = spirals.groupby("condition", sort=False)
+    runs = pd.concat([spirals, arm]).set_index(["strategy", "condition"])
+    compared = runs.rms_over_strict.unstack("condition", sort=False)
     return [
-        *(TableView(f"Hexapod: {name}", group, columns) for name, group in groups),
+        TableView(
+            "RMS error divided by that of strict priority: hexapod, and arm",
+            compared.reset_index(),
+            " ".join(["strategy", *(f"{name}:.3f" for name in compared)]),
+            "Stuck: strut 1, off centre. Heave: the payload is raised.",
+        ),
+        *(TableView(f"Hexapod: {name}", group, columns, legend) for name, group in groups),
         TableView(
             "Attainable pointing in each condition",
             conditions,
-            "condition least_rms_urad:.0f not_attainable_s:.2f circle_margin:.2f",
-            "heave: the payload is raised. attainable_rms: while the target is attainable. "
-            "recovery: longest time for which an attainable target is missed by "
-            f"{1e6 * RECOVERED_RAD:.0f} urad more than without limits.",
+            "condition least_rms_urad:.0f not_attainable_s=time_not_attainable_s:.2f "
+            "circle_margin=margin_of_circle_criterion:.2f",
+            "Least RMS: by the limits alone.",
         ),
         TableView(
             "Arm: angle between desired and true line of sight",
             arm,
-            "strategy rms_mrad:.2f peak_mrad:.2f at_limit_s:.1f rms_over_strict:.2f",
+            "strategy rms_mrad:.2f peak_mrad:.2f rms_over_strict:.2f at_limit_s=at_a_limit_s:.1f",
         ),
         TableView(
             "Hexapod, infeasible demands: error of the mapping alone above the minimum",

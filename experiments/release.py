@@ -369,35 +369,28 @@ def checks(
     ]
 
 
-HEADINGS = {
-    "alpha_rms_urad": "alpha",
-    "predicted_alpha_rms_urad": "alpha_lin",
-    "beta_rms_urad": "beta",
-    "predicted_beta_rms_urad": "beta_lin",
-    "alpha_peak_urad": "peak",
-    "sensitivity_peak": "Ms",
-}
-
-
 def printed_tables(
     spirals: pd.DataFrame, sweep: pd.DataFrame, **_: pd.DataFrame
 ) -> list[TableView]:
     """Return the printed tables."""
     return [
         TableView(
-            "Strut 1 without coil force: RMS of desired minus true angle, urad",
-            spirals.rename(columns=HEADINGS),
-            "name alpha:.3f alpha_lin:.3f beta:.3f beta_lin:.3f peak:.1f Ms:.2f",
-            "free: without coil force; loose: without coil force and spring, no gravity. lin: by "
-            "the linear model. peak: of the alpha error. Ms: peak sensitivity of the loops.",
+            "Strut 1 without coil force: RMS of desired minus true angle",
+            spirals,
+            "name alpha_rms_urad=alpha_urad:.3f predicted_alpha_rms_urad=predicted_alpha_urad:.3f "
+            "beta_rms_urad=beta_urad:.3f predicted_beta_rms_urad=predicted_beta_urad:.3f "
+            "alpha_peak_urad:.1f sensitivity_peak:.2f",
+            "Free: without coil force. Loose: without coil force and spring, no gravity. "
+            "Predicted: by the linear model.",
         ),
         TableView(
             "Alpha reached at rest for a command of 100 urad",
             sweep,
-            "suspension_over_swing:.0e alpha_simulated_urad:.2f alpha_elastic_urad:.2f "
-            "alpha_as_if_locked_urad:.2f alpha_corrected_urad:.2f",
-            "as_if_locked: predicted for a strut locked at its centre. corrected: simulated, "
-            "failure known to the mapping; in the other columns it is unknown.",
+            "suspension_over_swing=stiffness_ratio:.0e alpha_simulated_urad=simulated_urad:.2f "
+            "alpha_elastic_urad=elastic_mapping_urad:.2f "
+            "alpha_as_if_locked_urad=as_if_locked_urad:.2f alpha_corrected_urad=corrected_urad:.2f",
+            "Stiffness of the suspension over that of the flexures. As if locked: predicted for a "
+            "strut locked at its centre. Corrected: simulated, failure known to the mapping.",
         ),
     ]
 

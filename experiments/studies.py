@@ -9,7 +9,7 @@ from fjh.study.option import Study
 
 ROBOT = {
     "track": "Track a path with any robot while its actuators fail.",
-    "survey": "Say what a robot, or an effectiveness matrix, can still do after each failure.",
+    "survey": "Report what a robot, or an effectiveness matrix, can still do after each failure.",
 }
 """First lines of the help of the studies of a user's robot, by name."""
 

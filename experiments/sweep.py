@@ -310,7 +310,6 @@ def sweep(
     compared = compare_with_model(rows)
     ranges = [name for name, factor in selected.factors.items() if isinstance(factor, dict)]
     status = rows.status.value_counts().sort_index().rename("runs").reset_index()
-    columns = ["failures", "told", "runs", "alpha", "alpha_p95", "beta", "beta_p95"]
     by_failures, predicted, ranked = groups(rows), prediction(compared), influence(rows, ranges)
     return Result(
         settings,
@@ -318,17 +317,19 @@ def sweep(
         checks(compared),
         views=[
             TableView(
-                "RMS error, urad, by the number of struts that fail during the run, known (told) "
-                "or unknown to the mapping: median and 95th percentile",
-                by_failures.set_axis(columns, axis=1),
-                "failures told runs alpha:.3f alpha_p95:.3f beta:.3f beta_p95:.3f",
+                "RMS error by the number of struts that fail during the run, known to the mapping "
+                "or not: median, and 95 % of the runs have less",
+                by_failures,
+                "failures told=known runs alpha_median_urad=alpha_urad:.3f "
+                "alpha_percentile_95_urad=95_%_alpha_urad:.3f beta_median_urad=beta_urad:.3f "
+                "beta_percentile_95_urad=95_%_beta_urad:.3f",
             ),
             TableView("Status of the runs", status, "status runs"),
             TableView(
                 "RMS errors compared with the linear model's, for the runs that it covers",
                 predicted,
-                "compared off median_percent:.2g largest_percent:.2g",
-                f"off: by more than {100 * TOLERANCE:g} % and one step of the converters.",
+                "compared off=different median_percent:.2g largest_percent:.2g",
+                f"Different: by more than {100 * TOLERANCE:g} % and one step of the converters.",
             ),
             TableView(
                 "Spearman's rank correlation of varied quantities with the RMS error",
@@ -419,23 +420,27 @@ def atlas(
     rows = rows.assign(**classified().loc[rows.struts].reset_index(drop=True))
     compared = compare_with_model(rows)
     classes, contradictions = class_table(compared), disagreements(compared)
-    columns = ["verdict", "jacobian", "runs", "model_alpha", "alpha", "model_beta", "beta"]
     return Result(
         settings | {"conditions": len(factors["struts"]), "weights": factors["weight"]},
         {"verdicts": classes, "disagreements": contradictions},
         atlas_checks(compared),
         views=[
             TableView(
-                "Median RMS error, urad, simulated and of the linear model, by class of condition",
-                classes.set_axis([*columns, "compared", "off"], axis=1),
-                "verdict jacobian runs model_alpha:.3f alpha:.3f model_beta:.3f beta:.3f off:.2f",
-                "off: largest difference from the model, in percent, converter steps included, of "
-                "runs without saturated amplifiers.",
+                "Median RMS error, simulated and of the linear model, by class of condition",
+                classes,
+                "verdict=pointing jacobian runs simulated_alpha_median_urad=alpha_urad:.3f "
+                "predicted_alpha_median_urad=model_alpha_urad:.3f "
+                "simulated_beta_median_urad=beta_urad:.3f "
+                "predicted_beta_median_urad=model_beta_urad:.3f "
+                "largest_off_percent=difference_percent:.2f",
+                "Largest difference from the model of runs without saturated amplifiers, converter "
+                "steps included.",
             ),
             TableView(
-                "Runs off the linear model; explained: by a singularity of the nominal pose",
+                "Runs unlike the linear model; explained by a singularity of the nominal pose",
                 contradictions,
-                "struts weight jacobian verdict off_over_allowed:.3g explained",
+                "struts weight jacobian verdict=pointing off_over_allowed=difference/allowed:.3g "
+                "explained",
             ),
         ],
         pictures=[

@@ -420,15 +420,13 @@ def checks(systems: pd.DataFrame) -> list[Check]:
 
 def printed_tables(systems: pd.DataFrame) -> list[TableView]:
     """Return the printed table."""
-    short = {"constrained_active": "forbids", "self_motion": "motions", "largest_error": "error"}
     return [
         TableView(
             "Classification of each condition, and the largest error of its prediction",
-            systems.rename(columns=short),
-            "mechanism condition verdict motions forbids error:.0e",
-            "verdict: exact, drifts (self-motion moves the major task), or remaining directions. "
-            "motions: number of self-motions. forbids: combinations of actuator rates that the "
-            "loops forbid. error: of motions, torques and forces, relative.",
+            systems,
+            "mechanism condition verdict=major_task largest_error=relative_error:.0e "
+            "self_motion=self-motions constrained_active=forbidden_rates",
+            "Drifts: self-motion moves the major task. Forbidden: combinations of actuator rates.",
         )
     ]
 

@@ -336,7 +336,7 @@ NUMBERS = (
         (label.replace("*", angle), key.replace("*", angle), ".4f")
         for angle in ANGLES
         for label, key in (
-            ("*, urad", "*_rms_urad"),
+            ("* [urad]", "*_rms_urad"),
             ("  linear model", "predicted_*_rms_urad"),
             ("  detector", "*_measured_rms_urad"),
             ("  paper", "paper_*_rms_urad"),
@@ -344,9 +344,9 @@ NUMBERS = (
             ("    predicted", "mismatched_predicted_*_rms_urad"),
         )
     ),
-    ("input, %", "largest_input_percent", ".3f"),
-    *((f"peak {key}", key, ".3f") for key in MOTIONS),
-    ("closure, m", "closure_residual_max_m", ".1e"),
+    ("input [%]", "largest_input_percent", ".3f"),
+    *((f"peak {' ['.join(key.rsplit('_', 1))}]", key, ".3f") for key in MOTIONS),
+    ("closure [m]", "closure_residual_max_m", ".1e"),
 )
 """Labels, keys and formats of the rows of the printed Table I."""
 
@@ -374,19 +374,18 @@ def printed_tables(
     cut, other_rows = metrics.is_cut(settings), columns[columns.origin == "other"]
     tables = [
         TableView(
-            f"Table I, configuration {settings['configuration']}: RMS of desired minus true angle, "
+            f"Table I, {settings['configuration']}: RMS of desired minus true angle, "
             f"{settings['duration_s']:g} s of the spiral",
             printed(columns, *BY_NAME, cut=cut),
-            " ".join(["quantity", *BY_NAME]),
-            "Strut 1 is locked in the last three columns. origin: constants of the testbed were "
-            "fitted to it, J_m M = I makes it equal to W_a, or it is predicted. detector: desired "
-            "minus measured angle, as in the paper. mismatched: on another plant, with its floor.",
+            " ".join(["quantity", *BY_NAME]).replace("W_a_unc", "W_a_uncorrected=unc"),
+            "Strut 1 is locked in the last three columns; uncorrected is W_a. Detector: desired "
+            "minus measured angle, as in the paper. Mismatched: on another plant.",
         ),
         TableView(
             "Further runs: difference from the table, or from the prediction",
             further,
             "runs largest_rms_difference_urad:.1e largest_relative_difference:.3f "
-            "closure_residual_max_m:.1e",
+            "closure_residual_max_m=closure_residual_m:.1e",
         ),
         TableView(
             "Pointing loops",

@@ -11,6 +11,7 @@ from scipy.stats import mannwhitneyu
 
 from fjh.result_frames import is_table, runs_of
 from fjh.study.errors import WrongInput
+from fjh.study.interrupts import printable
 from fjh.study.untrusted_files import read_json
 
 REPEATED, RESAMPLED, OF_LARGEST, LEVEL = 1e-6, 0.05, 0.01, 0.01
@@ -23,7 +24,7 @@ SETTINGS = {"seed", "duration_s", "configuration", "jacobian", "bench", "rules",
 SAMPLING_KEYS = {"flights", "events", "design", "seed"}
 """Keys of the basis of a dataset from which its rows are sampled."""
 NOT_COMPARED = {"experiment", "files", "dataset", "recording", "data", "checks", "settings"}
-ABSENT, PRINTED = "absent", 15
+ABSENT, VALUES_WIDTH = "absent", 40
 
 
 @dataclass(frozen=True)
@@ -50,20 +51,28 @@ class Comparison:
     failing: pd.DataFrame
 
     def __str__(self) -> str:
-        """Return the comparison in Markdown."""
+        """Return the comparison in Markdown, at most 25 lines."""
         headings = {
             "settings differ": self.settings,
             f"of {self.compared} values changed by more than noise": self.changed,
             "values are in only one result": self.absent,
             "checks fail that passed before": self.failing,
         }
+        most = 16 // max(1, sum(len(frame) > 0 for frame in headings.values())) - 1
         parts = [f"**{self.study}**"]
         for heading, frame in headings.items():
-            parts.append(f"{len(frame)} {heading}{':' if len(frame) else '.'}")
-            if len(frame):
-                text = frame.head(PRINTED).to_string(index=False, max_colwidth=60)
-                more = f"\n... and {len(frame) - PRINTED} more" * (len(frame) > PRINTED)
-                parts.append(f"```text\n{text}{more}\n```")
+            lines = [f"{len(frame)} {heading}{':' if len(frame) else '.'}"]
+            for row in frame.head(most).to_dict("records"):
+                texts = {key: f"{x:.6g}" if _is_number(x) else str(x) for key, x in row.items()}
+                form = "{place}\n{a} -> {b}"
+                if "what" in texts:
+                    form = "{where}: {what}\n{value}, expected below {limit}"
+                place, values = (printable(one.format_map(texts)) for one in form.split("\n"))
+                values = values[:VALUES_WIDTH]
+                cut = len(place) - (79 - len("- : ") - len(values))
+                lines.append(f"- {place if cut <= 0 else f'...{place[cut + 3 :]}'}: {values}")
+            lines += [f"- {len(frame) - most} more"] * (len(frame) > most)
+            parts.append("\n".join(lines))
         return "\n\n".join(parts)
 
 

@@ -369,13 +369,13 @@ def checks(results: Mapping[str, Any]) -> list[Check]:
 
 ERROR_COLUMNS = {
     "rms_before": "before",
-    "predicted_rms_before": "linear",
     "rms_after": "after",
-    "predicted_rms_after_when_named": "linear_after",
-    "predicted_rms_after": "at_once",
-    "rms_after_without_diagnosis": "undiagnosed",
+    "rms_after_without_diagnosis": "after,_no_diagnosis",
     "controller_rms_before": "controller_before",
     "controller_rms_after": "controller_after",
+    "predicted_rms_before": "predicted_before",
+    "predicted_rms_after_when_named": "predicted_after",
+    "predicted_rms_after": "predicted_if_known",
 }
 """Columns of the printed table by those of the data frame."""
 
@@ -387,17 +387,18 @@ def table_views(
     cells = {
         name: [quantity_text(value, unit) for value, unit in zip(rows[key], rows.unit, strict=True)]
         for key, name in ERROR_COLUMNS.items()
-        if rows[key].notna().all() and (name != "at_once" or results["diagnosis"] == "on")
+        if rows[key].notna().all()
+        and (name != "predicted_if_known" or results["diagnosis"] == "on")
     }
     legend = (
-        "RMS of desired minus true, before and after the first failure or event. linear: linear "
-        "model with sensor noise, for a controller informed of failures when diagnosed, or at_once."
+        "RMS of desired minus true, before and after the first failure or event. Predicted: by the "
+        "linear model with sensor noise; if known: for a controller informed of failures at once."
     )
     legend += f" Not compared: {results['uncompared']}." if results["uncompared"] else ""
     if outside := [*results["warnings"], *results["met"]]:
         legend += f" Not in the linear model: {'; '.join(outside)}."
     errors = pd.DataFrame({"row": rows["name"]} | cells)
-    views = [TableView(results["robot"], errors, " ".join(errors), legend)]
+    views = [TableView(f"{results['robot']}: RMS error", errors, " ".join(errors), legend)]
     title = "Failures, events and diagnoses"
     return views + [TableView(title, log, "time_s:.3f what meaning")] * (len(log) > 0)
 

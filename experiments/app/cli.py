@@ -14,7 +14,7 @@ from experiments.app.commands import animate, render, results, review
 from experiments.app.exit_codes import INTERRUPTED, WRONG_INPUT, exit_message
 from experiments.app.live import live
 from experiments.app.report import report
-from experiments.studies import PAPER, ROBOT, study
+from experiments.studies import LINES, PAPER, ROBOT, study
 from fjh.study.interrupts import INTERRUPTION, interrupted, notice
 
 HELP = """Keep robots on task when actuators fail, in simulations with MuJoCo.
@@ -27,16 +27,16 @@ Start with `fjh table1`, which is `fjh paper table1`: a minute on two cores.
 """
 PAPER_HELP = """Reproduce the paper, and validate what this package adds to it.
 
-Each study simulates one experiment in MuJoCo and prints its tables; `fjh paper report` runs most
-of them. `python -m experiments STUDY` is the same as `fjh paper STUDY`.
+Each study simulates one experiment in MuJoCo and prints the main numbers; `fjh paper report` runs
+most of them. `python -m experiments STUDY` is the same as `fjh paper STUDY`.
 """
 EXIT_CODES = """\b
 Exit codes:
   0    all checks of the results passed
-  1    a check failed, a simulation diverged, no picture could be rendered, or the program has a
-       bug: with FJH_TRACEBACK=1 in the environment the traceback is printed
+  1    a check failed, a simulation diverged, no picture could be rendered, or
+       the program has a bug: FJH_TRACEBACK=1 in the environment shows where
   2    wrong input
-  130  interrupted (143 by SIGTERM, 129 by SIGHUP); no file is left half-written
+  130  interrupted (143 by SIGTERM, 129 by SIGHUP); no file is half-written
 """
 
 # The command prints its own message instead of MuJoCo's warnings.
@@ -111,6 +111,10 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         # During shell completion the command line is in the environment.
         completed = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")
+        is_silent = completed or {"--help", "--quiet"} & {*command_line}
+        if sys.stderr.isatty() and {*LINES, "report"} & {*command_line[:2]} and not is_silent:
+            # The progress bar overwrites this line after the imports, which take seconds.
+            print("fjh: starting", end="\r", file=sys.stderr, flush=True)
         code = app_of(*command_line[:2], *completed.split()[1:3])(
             args=command_line, prog_name="fjh", standalone_mode=False
         )

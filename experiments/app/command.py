@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
-from experiments.app.terminal import print_notes, print_summary, print_table, progress
+from experiments.app.terminal import print_summary, progress
 from experiments.studies import command_of
 from fjh.study.errors import Interrupted, Unsound
 from fjh.study.files import (
@@ -34,10 +34,13 @@ def command(study: Study) -> Callable[..., None]:
     def run(*, out: Path, quiet: bool, **values: Any) -> None:
         result, summary = conduct(study, out, show=not quiet, **values)
         if not quiet:
-            for table in result.views:
-                print_table(table)
-            print_notes(result.notes)
-            print_summary(result.checked, *_next_steps(name, result, summary, out, values))
+            print_summary(
+                result.checked,
+                *_next_steps(name, result, summary, out, values),
+                tables=result.views,
+                notes=result.notes,
+                more=f"More in {out / name}.md",
+            )
         if failed := result.failed:
             raise Unsound(f"a check failed: {failed[0]}")
 
@@ -47,17 +50,9 @@ def command(study: Study) -> Callable[..., None]:
 def conduct(
     study: Study, folder: Path, *, show: bool, name: str = "", **values: Any
 ) -> tuple[Any, dict[str, Any]]:
-    """Run a study and write its result to the folder.
+    """Run a study with values of its options; return the result, and the contents of its JSON file.
 
-    Args:
-        study: Function of the study.
-        folder: Folder of the results.
-        show: Whether a progress bar is displayed.
-        name: Label of the progress bar; by default the name of the study.
-        values: Values of its options, by name.
-
-    Returns:
-        The result, and the contents of its JSON file.
+    The result is written to the folder. `name` is the label of the progress bar, if there is one.
 
     Raises:
         OutputError: The folder cannot be written.
@@ -166,11 +161,7 @@ def _with_signature(
 def _next_steps(
     name: str, result: Any, summary: Mapping[str, Any], folder: Path, values: Mapping[str, Any]
 ) -> tuple[Path, str]:
-    """Return the file to open first, and a command to run next.
-
-    The command opens a recording, if there is one; else it runs the full study after a quick one,
-    or a quick report.
-    """
+    """Return the file to open first, and a command: open a recording, or run the full study."""
     first = result.pictures[0].file if result.pictures else f"{name}.md"
     recordings = [file for file in summary["files"] if file.endswith(".rrd")]
     arguments = command_of(name) if values["quick"] else ["fjh", "paper", "report", "--quick"]

@@ -5,7 +5,7 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-from experiments.app.terminal import print_summary, progress
+from experiments.app.terminal import print_result, print_summary, progress
 from fjh.study.errors import Unsound, WrongInput
 from fjh.study.files import published, usable_file
 from fjh.study.input_checks import check_file
@@ -41,36 +41,47 @@ def results(
     Example: fjh results results/table1 --against docs/data/table1.json
     """
     if against is None:
-        text, failing = _listed(places)
+        failing = _list(places)
     elif len(places) > 1:
         raise WrongInput(f"one result is compared with {against}, got {len(places)}")
     else:
         from fjh.comparison import compare  # late, as the help text must not wait for it
 
         changes = compare(against, places[0])
-        text, failing = str(changes), [str(what) for what in changes.failing.what]
-    for line in text.splitlines():
-        print(printable(line))
+        failing = [str(what) for what in changes.failing.what]
+        for line in str(changes).splitlines():
+            print(printable(line))
     if failing:
         news = "" if against is None else " that passed before"
         raise Unsound(f"{len(failing)} checks fail{news}: {failing[0]}")
 
 
-def _listed(folders: list[Path]) -> tuple[str, list[str]]:
-    """Return the runs and checks of results as text, and the checks that failed."""
+def _list(folders: list[Path]) -> list[str]:
+    """Print the runs and checks of results; return the checks that failed."""
     from fjh.result_frames import results as read  # late, as above
+    from fjh.study.result import TableView
 
-    parts, failing, frames = [], list[str](), read(*folders)
+    frames, tables, notes = read(*folders), list[TableView](), list[str]()
+    checks = frames.checks
+    failed = checks[~checks.passed.astype(bool)] if len(checks) else checks
     for (study, place), runs in frames.runs.groupby(["study", "folder"], sort=False):
-        checks = frames.checks[frames.checks.folder == place]
-        failed = checks[~checks.passed.astype(bool)] if len(checks) else checks
-        failing += [f"{study}: {what}" for what in failed.get("what", ())]
-        passed = f"{len(checks) - len(failed)} of {len(checks)} checks passed"
-        parts.append(f"{study or 'recordings'} in {place}: {len(runs)} runs, {passed}")
+        count, wrong = (
+            int(((one.study == study) & (one.folder == place)).sum()) for one in (checks, failed)
+        )
+        title, passed = f"{study or 'recordings'} in {place}", f"{count - wrong} of {count} checks"
+        notes.append(f"{title}: {len(runs):,} run{'s' * (len(runs) > 1)}, {passed} passed")
         plain = runs.drop(columns=["study", "folder"]).dropna(axis=1, how="all")
-        flat = plain.loc[:, [not isinstance(value, list | dict) for value in plain.iloc[0]]]
-        parts.append(flat.to_string(index=False, max_rows=20, max_cols=8, max_colwidth=40))
-    return "\n\n".join(parts), failing
+        plain = plain.rename(columns=lambda name: re.sub(r"[\s:=]", "_", name))
+        # Errors are more important than settings.
+        numbers = plain.iloc[:, 1:].select_dtypes(float)
+        numbers = sorted(numbers, key=lambda name: "rms" not in name)
+        columns = [plain.columns[0], *(f"{name}:.4g" for name in numbers)]
+        tables.append(TableView(title, plain, " ".join(columns)))
+    more = "More in the files, and in Python from fjh.results"
+    if len(tables) > 1:
+        tables, more = [], "More with fewer folders"
+    print_result(tables=tables, notes=notes, more=more)
+    return [f"{one.where}: {one.what}" for one in failed.itertuples()]
 
 
 def review(

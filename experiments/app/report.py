@@ -64,10 +64,7 @@ def report(
 def run_report(
     studies: Mapping[str, Mapping[str, Any]], folder: Path, *, seed: int, quick: bool, show: bool
 ) -> dict[str, Any]:
-    """Run every study that is not complete in the folder, and add it to the page.
-
-    Returns:
-        The contents of `report.json`.
+    """Run every study that is not complete in the folder; return the contents of `report.json`.
 
     Raises:
         Interrupted: Ctrl-C was pressed; finished studies are on the page.

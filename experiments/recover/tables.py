@@ -264,19 +264,21 @@ def goals(tables: Tables) -> list[Check]:
 def printed_tables(tables: Tables) -> list[TableView]:
     """Return the printed tables: by event; or by kind, and for the hexapod by mismatch."""
     if "by_event" in tables:
-        columns = "event runs over_unaware_since_median:.2f counted_worst:.2f right_count"
+        columns = "event runs right_count=identified over_unaware_since_median=median_ratio:.2f "
+        columns += "counted_worst=largest_ratio:.2f"
         legend = (
-            "RMS error over that of a controller without diagnosis; counted: if both differ by "
-            "more than the sensors' noise. right: the actuator or the cause was identified."
+            "Identified: the actuator or the cause. Ratio: RMS error over that of a controller "
+            "without diagnosis; the largest of those that differ by more than the sensors' noise."
         )
         return [TableView("By event", tables["by_event"], columns, legend)]
     legend = (
-        "right: the first identified actuator had failed. over_informed: RMS error after recovery "
+        "Identified: the first identified actuator had failed. Ratio: RMS error after recovery "
         "over that of a controller informed at once."
     )
-    columns = "runs right_count named_median_s:.3f over_informed_after_worst:.3f"
+    columns = "runs right_count=identified named_median_s=median_time_s:.3f "
+    columns += "over_informed_after_worst=largest_ratio:.3f"
     title = "By kind of failure, all mismatches"
-    kinds = TableView(title, tables["by_kind"], f"sense kind {columns}", legend)
+    kinds = TableView(title, tables["by_kind"], f"sense=sensors kind {columns}", legend)
     if "beliefs" not in tables:
         return [kinds]
     failures = tables["by_mismatch"].query("factor == 1.0 and over_informed_after_runs > 0")

@@ -24,6 +24,13 @@ _MARKUP = re.compile(
 )
 
 
+UNITS = {unit: unit for unit in ("urad", "mrad", "rad", "um", "mm", "m", "s", "deg")}
+UNITS |= {"hz": "Hz", "db": "dB", "percent": "%", "n": "N", "n_m": "N m"}
+UNITS |= {"m_per_rad": "m/rad", "rad_per_m": "rad/m"}
+"""Units in headings, by the end of the name of a column."""
+_UNIT = re.compile(f"(.+?)_({'|'.join(UNITS)})")
+
+
 @dataclass(frozen=True)
 class Check:
     """Number that must stay below its limit for the study to be valid; NaN fails."""
@@ -76,8 +83,9 @@ class TableView:
     Attributes:
         title: Description of the rows.
         frame: A table of the result, or some of its rows.
-        columns: Names of the printed columns, each with an optional format after a colon:
-            "strategy rms_urad:.0f". Cells of missing values are empty.
+        columns: Names of the printed columns, the most important ones first, each with an optional
+            name for its heading and an optional format: "strategy rms_urad=error_urad:.0f". The
+            heading is "error [urad]". Cells of missing values are empty.
         legend: Meaning of the columns, where title and names are not sufficient.
     """
 
@@ -88,14 +96,15 @@ class TableView:
 
     @property
     def headings(self) -> list[str]:
-        """Names of the printed columns; the first column has the labels of the rows."""
-        return [entry.partition(":")[0] for entry in self.columns.split()]
+        """Headings of the printed columns; the first column has the labels of the rows."""
+        return [_heading(entry.partition(":")[0]) for entry in self.columns.split()]
 
     def cells(self) -> list[list[str]]:
         """Return the rows as text."""
         formats = [entry.partition(":")[::2] for entry in self.columns.split()]
+        columns = [(name.partition("=")[0], digits) for name, digits in formats]
         rows = self.frame.to_dict("records")
-        return [[_cell(row[name], digits) for name, digits in formats] for row in rows]
+        return [[_cell(row[name], digits) for name, digits in columns] for row in rows]
 
     def markdown(self) -> str:
         """Return the table as Markdown, with title and legend."""
@@ -104,9 +113,20 @@ class TableView:
         return "\n\n".join(filter(None, (f"## {literal(self.title)}", literal(self.legend), table)))
 
 
+def _heading(entry: str) -> str:
+    name = entry.rpartition("=")[2]
+    if name != name.lower():
+        return name  # a run, such as W_a
+    unit = _UNIT.fullmatch(name)
+    words = f"{unit[1]} [{UNITS[unit[2]]}]" if unit else name
+    return words.replace("_", " ")
+
+
 def _cell(value: Any, digits: str) -> str:
     if value is None or (isinstance(value, float) and np.isnan(value)):
         return ""
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
     return format(value, digits)
 
 
@@ -187,13 +207,8 @@ class Result:
     ) -> dict[str, Any]:
         """Write NAME.json, NAME.md, Parquet, figures, data and recordings: all of them, or none.
 
-        Args:
-            name: Name of the study.
-            folder: Folder of the files.
-            on_progress: Called with the written and the total number of recordings and figures.
-
-        Returns:
-            The contents of the JSON file, which name all files.
+        The progress is that of recordings and figures. Returns the contents of the JSON file, which
+        name all files.
 
         Raises:
             OutputError: The folder cannot be written.

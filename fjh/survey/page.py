@@ -34,16 +34,17 @@ def table_views(system: AnalyzedSystem, tables: Mapping[str, pd.DataFrame]) -> l
     ]
     title = "Capability after failures of each actuator"
     views = [
-        TableView(f"{system.title}: single failures", single, " ".join(columns), _LEGEND),
+        TableView(f"{title}, {system.title}", tables["actuators"], _COSTS, _LEFT_LEGEND),
         TableView("Conditions by failures", tables["counts"], "failures conditions:, survived:,"),
-        TableView(title, tables["actuators"], _COSTS, _LEFT_LEGEND),
+        TableView("Single failures", single, " ".join(columns), _LEGEND),
     ]
     if len(isolation):
         columns = _OF_MATRIX if system.robot is None else _OF_ROBOT
         text = isolation.map(
             lambda cell: ", ".join(map(str, cell)) if isinstance(cell, list) else cell
         )
-        views.append(TableView("Failures that sensors isolate", text, columns, _ISOLABLE_LEGEND))
+        title = "Failures that sensors isolate"
+        views.insert(2, TableView(title, text, columns, _ISOLABLE_LEGEND))
     return views
 
 
@@ -56,21 +57,23 @@ _COLUMNS = {
 }
 """Patterns of the printed columns of conditions, and their formats."""
 _LEGEND = (
-    "left: fraction of the value without failures, in the worst direction within the limits. "
-    "relative_manipulability: sqrt(det J_m J_m^T) over that without failures. largest_gain: "
-    "norm of the actuators' motion per unit of the major task; error_gain: major error per norm of "
-    "the actuators' errors. share_of_postures: share of the postures where the task survives."
+    "Left: fraction of the value without failures, in the worst direction within the limits. "
+    "Relative manipulability: sqrt(det J_m J_m^T) over that without failures. Largest gain: "
+    "norm of the actuators' motion per unit of the major task. Error gain: major error per norm of "
+    "the actuators' errors. Share of postures: those where the task survives."
 )
-_COSTS = "actuator left_locked:.0% left_free:.0% doubles_survived:.0% costs_most"
-_LEFT_LEGEND = "left: mean over start and postures. doubles_survived: share of double failures."
-_OF_MATRIX = "sensors isolable alike without_effect nearest smallest_angle_deg:.3g"
+_COSTS = "actuator left_locked=left_if_locked:.0% left_free=left_if_free:.0% "
+_COSTS += "doubles_survived=double_failures_survived:.0% costs_most"
+_LEFT_LEGEND = "Left: mean over start and postures, in the worst direction."
+_OF_MATRIX = "sensors isolable alike=indistinguishable without_effect nearest "
+_OF_MATRIX += "smallest_angle_deg:.3g"
 _OF_ROBOT = (
     "sensors isolable failures isolable_with_exact_model dither_hz:g further_sensors "
     "isolable_with_further"
 )
 _ISOLABLE_LEGEND = (
-    "isolable: failures (for a robot each actuator locked, free, half weak) separated from those "
-    "of other actuators and from none. further_sensors: the best additions, one after another."
+    "Isolable: failures (for a robot each actuator locked, free, half weak) separated from those "
+    "of other actuators and from none. Further sensors: the best additions, one after another."
 )
 
 

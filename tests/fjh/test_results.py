@@ -144,3 +144,18 @@ def test_a_study_of_tables_gives_its_first_and_its_checks(tmp_path):
     assert list(frames.runs.name) == ["a", "b"]
     assert frames.checks.passed.tolist() == [True, False]
     assert {".json", ".parquet"} <= set(frames.files.kind)
+
+
+def test_a_comparison_is_at_most_25_lines_of_80_columns():
+    checks = [
+        {"what": "gap [m]", "where": "W" * k, "value": None, "limit": 1e-8, "passed": False}
+        for k in range(30)
+    ]
+    one = {"rules": {f"v{k}": "1" for k in range(30)}, "seed": 0}
+    other = {"rules": {f"v{k}": "2" * 39 for k in range(30)}, "seed": 1, "checks": checks}
+    numbers = ({f"{'x' * k}_a": scale for k in range(90)} for scale in (1 / 3, 1e9 / 3))
+    a, b = (entry | values for entry, values in zip((one, other), numbers, strict=True))
+    lines = str(compared(a, b | {f"new{k}": 1 for k in range(30)})).splitlines()
+    assert len(lines) == 25 and max(map(len, lines)) < 80
+    assert lines[2] == "31 settings differ:" and "- 87 more" in lines
+    assert lines[-2].endswith("W: gap [m]: None, expected below 1e-08")

@@ -74,7 +74,7 @@ class HexapodControl:
 
     @property
     def diagnosis_model(self) -> NominalModel:
-        """Linear model to the measurements of the diagnosis, which are those of the detector."""
+        """Linear model to the measurements of the diagnosis: the detector alone."""
         return self.nominal
 
     @property
