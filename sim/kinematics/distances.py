@@ -120,7 +120,7 @@ class Distances:
             )
         if (fields := collidable[model.geom_type[collidable] == _SDF]).size:
             field = name_of(model.geom(fields[0]))
-            raise ModelError(f'pairs must name no signed distance field, got geom "{field}"')
+            raise ModelError(f"pairs must name no signed distance field, got geom {field}")
         return check.read_only(collidable)
 
     def at(self, data: mujoco.MjData, within_m: float = 0.0) -> Near:

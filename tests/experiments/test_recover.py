@@ -78,7 +78,7 @@ def test_a_published_run_can_be_repeated():
     published = Path(__file__).parents[2] / "docs" / "data"
     run, comparison = repeat_run(published, 0)
     assert len(run.time_s) and {"stored", "flown", "same"} == set(comparison)
-    with pytest.raises(WrongInput, match="no dataset with a case 99999"):
+    with pytest.raises(WrongInput, match="no dataset with case 99999"):
         repeat_run(published, 99999)
 
 

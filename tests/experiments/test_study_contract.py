@@ -158,7 +158,7 @@ def failures(
     module: Any = sys.modules[study(name).__module__]
     available: dict[str, Any] = {
         **tables,
-        **{"tables": tables, "rows": rows, "settings": summary, "found": summary},
+        **{"tables": tables, "rows": rows, "settings": summary, "results": summary},
         "further": tables.get("further_runs"),
         "duration_s": summary.get("duration_s"),
         "from_mjcf": summary.get("J0_from_mjcf_largest_difference"),

@@ -174,7 +174,7 @@ def test_failure_that_is_not_isolable_is_reported_before_and_after(capfd):
     ]
     improved = tracked(PLATFORM, **unisolable, dither="default").settings["dither"]
     assert {"actuator": "motor1", "kind": "locked"} in improved["isolable"]
-    with pytest.raises(WrongInput, match="the major task leaves no motion for a dither"):
+    with pytest.raises(WrongInput, match="the major rows leave no motion for it"):
         tracked(PLATFORM, major="2,3,4", dither="designed")
 
 

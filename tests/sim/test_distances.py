@@ -174,7 +174,7 @@ def test_a_signed_distance_field_is_rejected():
       <worldbody><body><freejoint/><geom size="0.1"/></body>
         <body><freejoint/><geom type="sdf" mesh="torus"><plugin instance="torus"/></geom></body>
       </worldbody></mujoco>""")
-    with pytest.raises(ModelError, match="signed distance field, got geom 1"):
+    with pytest.raises(ModelError, match="signed distance field, got geom number 1"):
         Distances(torus)
 
 
