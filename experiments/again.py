@@ -23,9 +23,9 @@ def repeat_run(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
         case: Number of the run, in the column `case`.
 
     Returns:
-        The run, and a data frame with a row for each measured quantity: its `stored` value, its
-        value `flown` now, and whether these are the `same` to 1e-9. Other versions of this
-        project or its packages may cause differences.
+        The run, and a data frame with one row per measured quantity, whose columns are the
+        `stored` value, the value `flown` now, and whether both are the `same` to 1e-9. Other
+        versions of this project or its packages may cause differences.
 
     Raises:
         WrongInput: The folder has no such dataset or run, or the run cannot be repeated.
