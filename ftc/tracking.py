@@ -16,27 +16,14 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array
 from argument_checks.ties import greatest
-from ftc.control.compensator import (
-    Compensator,
-    NoResponse,
-    UnstableLoop,
-    compensators,
-    minimal,
-)
+from ftc.control.compensator import Compensator, NoResponse, UnstableLoop, compensators, minimal
 from ftc.control.frequency_response import Margins, channels, margins
 from ftc.control.geometry import MechanismGeometry, MechanismModel
 from ftc.control.mapping import Goal, PrioritizedMapping
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import (
-    Fault,
-    NominalModel,
-    by_kind,
-    fault_model,
-    of_actuators,
-    static_gain,
-)
+from ftc.fdi.fault_model import Fault, NominalModel, by_kind, fault_model, of_actuators, static_gain
 from ftc.fdi.monitor import monitor
 from ftc.reconfiguration import Unused
 from ftc.supervisor import Supervisor

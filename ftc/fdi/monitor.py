@@ -32,14 +32,7 @@ from ftc.fdi.decision import (
 )
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.fault_model import KINDS, MOST_STEPS, Fault, NominalModel, of_actuators
-from ftc.fdi.observer import (
-    LEARNING_S,
-    ORDER,
-    Observer,
-    ObserverState,
-    ResidualTest,
-    Sample,
-)
+from ftc.fdi.observer import LEARNING_S, ORDER, Observer, ObserverState, ResidualTest, Sample
 
 DECISION_PERIOD_S, REVISION_PERIOD_S = 16e-3, 48e-3
 """Time between decisions before and after an actuator is isolated [s]: a decision costs more than a

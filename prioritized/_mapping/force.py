@@ -472,10 +472,7 @@ def _spanned(projector: Array, factors: Array) -> Array:
 
 
 def _respond(
-    gains: Gains,
-    f_major: ArrayLike,
-    torque: ArrayLike | None,
-    secondary_force: ArrayLike | None,
+    gains: Gains, f_major: ArrayLike, torque: ArrayLike | None, secondary_force: ArrayLike | None
 ) -> Array:
     return respond(
         gains, "f_major", f_major=f_major, torque=torque, secondary_force=secondary_force

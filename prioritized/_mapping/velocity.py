@@ -58,9 +58,7 @@ class VelocityMapping:
 
     @staticmethod
     def _of_plain(
-        plain: Plain,
-        directions: tuple[Array, Array],
-        limiting: Limiting | None,
+        plain: Plain, directions: tuple[Array, Array], limiting: Limiting | None
     ) -> "VelocityMapping":
         """Return the mapping of one J with diagonal weights.
 

@@ -161,11 +161,7 @@ def of_plain_arrays(
 # typed: row 1 is not True
 @lru_cache(maxsize=1024, typed=True)
 def _selected(
-    shape: tuple[int, ...],
-    has: tuple[float, bool, bool],
-    p: int,
-    complement: bool,
-    *rows: Any,
+    shape: tuple[int, ...], has: tuple[float, bool, bool], p: int, complement: bool, *rows: Any
 ) -> tuple[tuple[Array, Array], Array, tuple[Struct, int]] | None:
     """Return both tasks, all directions, and the kernel's description of the problem.
 

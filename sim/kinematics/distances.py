@@ -180,9 +180,7 @@ class Distances:
         return self.largest_fraction(data, lambda fraction: [(velocity, fraction * dt)])
 
     def largest_fraction(
-        self,
-        data: mujoco.MjData,
-        steps: Callable[[float], Iterable[tuple[Array, float]] | None],
+        self, data: mujoco.MjData, steps: Callable[[float], Iterable[tuple[Array, float]] | None]
     ) -> float:
         """Return the largest of :data:`FRACTIONS` for which all given steps end at safe distances.
 

@@ -132,10 +132,7 @@ class LinearPlant:
 
 
 def linearize(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    site: Task = "payload",
-    axes: str | None = "base",
+    model: mujoco.MjModel, data: mujoco.MjData, site: Task = "payload", axes: str | None = "base"
 ) -> LinearPlant:
     """Return the linear model at rest in `data`, with its locks, disabled actuators and loads.
 
