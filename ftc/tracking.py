@@ -164,8 +164,7 @@ class Tracking:
 
     def _estimate(self, measurement: Measurement, near: Any) -> Array:
         """Return the major task (m1,) by forward kinematics of the encoders near a posture."""
-        posture = self._at(measurement.displacement, near)
-        return self.model.task(posture)[list(self.major)]
+        return self.model.task(self._at(measurement.displacement, near))[list(self.major)]
 
     def _at(self, displacement: Array, near: Any) -> Any:
         """Return the posture near another one at which the encoders read displacements (n,)."""
@@ -224,8 +223,7 @@ class Tracking:
     def classified(self, faults: Sequence[Fault] = ()) -> Manipulability:
         """Classify the mechanism with these faults in the nominal posture, section 2.2."""
         failed = by_kind(of_actuators(faults, self.nominal.actuators))
-        kinematics = self.system.with_failures(**failed).kinematics()
-        return kinematics.manipulability(list(self.major))
+        return self.system.with_failures(**failed).kinematics().manipulability(list(self.major))
 
 
 def tracking(

@@ -150,8 +150,7 @@ def failure_atlas(
         ValueError: Invalid rows, codes or limits, or more than ten actuators without codes.
     """
     n = len(check.instance("system", system, ConstrainedSystem).active)
-    m = system.J_T.shape[0]
-    S_m, S_s = task_selection(major, secondary, m)
+    S_m, S_s = task_selection(major, secondary, system.J_T.shape[0])
     conditions = _conditions(codes, n)
     existing = system.failures
     locked, free = conditions == LOCKED, conditions == FREE

@@ -114,8 +114,7 @@ class ConstrainedSystem:
         if accuracy is not None:
             check.attributes("accuracy", accuracy, *ACCURACY_PARTS)
         fields["accuracy"] = accuracy
-        n = len(fields["active"])
-        fields["names"] = None if names is None else checked_names(names, N, n)
+        fields["names"] = None if names is None else checked_names(names, N, len(fields["active"]))
         for name, value in (fields | {"failures": Failures()}).items():
             object.__setattr__(self, name, value)
         if failures is not None:

@@ -116,5 +116,4 @@ def circle_margin(
     one = np.eye(len(compensators))
     H = frequency_response(stacked)(w) @ frequency_response(plant)(w)
     around = np.linalg.solve(one + M, one + H)
-    hermitian = (around + around.conj().swapaxes(1, 2)) / 2
-    return float(np.linalg.eigvalsh(hermitian).min())
+    return float(np.linalg.eigvalsh((around + around.conj().swapaxes(1, 2)) / 2).min())

@@ -367,8 +367,7 @@ class PrioritizedMapping(Generic[Pose]):
         parts, along = [step.major, step.joint], None
         if self.goal.secondary_weight is not None:
             parts, along = [*parts, step.secondary], step.along
-        jacobians = self._model.jacobians(pose)
-        return tick.at_jacobians(jacobians, np.concatenate(parts), limits, along)
+        return tick.at_jacobians(self._model.jacobians(pose), np.concatenate(parts), limits, along)
 
     @cached_property
     def _ticks(self) -> list[Tick | None]:
@@ -409,8 +408,7 @@ class PrioritizedMapping(Generic[Pose]):
         internal = np.linalg.pinv(C) @ (C @ surviving)
         surviving = surviving - internal
         demand = kinematics.J[self._major] @ surviving
-        secondary_reference = self._expand.dot(surviving - mapping(demand))
-        return demand, secondary_reference, self._expand.dot(internal)
+        return demand, self._expand.dot(surviving - mapping(demand)), self._expand.dot(internal)
 
     def estimate(self, displacements: Array, pose: Pose) -> Pose:
         """Return the pose for commanded displacements (n,), starting from the pose a tick before.

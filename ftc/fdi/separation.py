@@ -231,8 +231,7 @@ def separations_at(responses: FaultResponses, k: int, commanded: Array) -> Separ
         signature_C, last_C = np.zeros((2, 1, *S.shape))
     distance = np.empty((len(signatures), len(first)))
     true_C, explanation_C = (_regular(S + array) / 2 for array in (signature_C, last_C))
-    arrays = signatures, first, last - first, true_C, explanation_C
-    arguments = list(map(pointer, arrays))
+    arguments = list(map(pointer, (signatures, first, last - first, true_C, explanation_C)))
     workspace = pointer(np.empty(lib.segments_room(len(S))))
     lib.to_segments(*distance.shape, len(S), *arguments, shared, workspace, pointer(distance))
     n, kinds = len(change), len(KINDS)

@@ -64,8 +64,7 @@ def of_rates(problem: Problem) -> MajorMap:
     G, S_m = problem.major_jacobian, problem.S_m
     empty = np.zeros((*G.shape[:-1], 0))
     dimension = np.zeros(G.shape[:-2], dtype=np.intp)
-    scale = frobenius(S_m) * problem.scale
-    return MajorMap(G, problem.active_constraint, empty, dimension, scale)
+    return MajorMap(G, problem.active_constraint, empty, dimension, frobenius(S_m) * problem.scale)
 
 
 def of_torques(problem: Problem) -> MajorMap:

@@ -184,8 +184,7 @@ class ForceMapping(ReadOnly):
     def _within(self) -> Limiting:
         if self._limiting is not None:
             return self._limiting
-        n = self._problem.J.shape[-1]
-        return _of_torques(self._forces, limits("torque_limits", None, n))
+        return _of_torques(self._forces, limits("torque_limits", None, self._problem.J.shape[-1]))
 
     def secondary_force(
         self,
@@ -317,8 +316,7 @@ def force_mapping(
         scale=scale,
         rank_tolerance=rank_tolerance,
     )
-    bounds = ForceLimits(torque_limits, torque_rows, force_rows, when_limited)
-    return _solved(problem, bounds, None)
+    return _solved(problem, ForceLimits(torque_limits, torque_rows, force_rows, when_limited), None)
 
 
 def force_mapping_of(
@@ -448,8 +446,7 @@ def _of_torques(
 
 def _refuse_overlap(S_m: Array, S_s: Array, tolerance: float) -> None:
     """Raise if a secondary force could cancel the major force."""
-    both = stack(S_m, S_s)
-    ranks = [ranked_svd(S, frobenius(S), tolerance).rank for S in (S_m, S_s, both)]
+    ranks = [ranked_svd(S, frobenius(S), tolerance).rank for S in (S_m, S_s, stack(S_m, S_s))]
     if ranks[2] < ranks[0] + ranks[1]:
         raise ValueError("secondary must exclude the major directions, got some of them")
 

@@ -124,8 +124,7 @@ class HierarchySolution:
         """Return whether this level has a smaller residual without limits."""
         box, count = self.packed.box.copy(), self._n + len(self.active_rows)
         box[:, 0, :count], box[:, 1, :count] = -np.inf, np.inf
-        unlimited = self.packed._replace(box=box)
-        points = self.point, solved(unlimited)
+        points = self.point, solved(self.packed._replace(box=box))
         limited, best = (norm(self.packed.level_residual(level, point.x)) for point in points)
         return bool(limited > (1.0 + ACCURACY) * best)
 

@@ -168,8 +168,7 @@ def lexicographic_least_squares(
     last = [_equations(T, np.zeros(len(T))) for T in ties]
     packed = pack([*hard, *blocks, *last], box, tolerance)
     hard_rows = sum(len(block.G) for block in hard)
-    point = solved(packed, warm, most_steps)
-    return Solution(n, hard_rows, len(levels), packed, point)
+    return Solution(n, hard_rows, len(levels), packed, solved(packed, warm, most_steps))
 
 
 def _of_plain_arrays(

@@ -439,8 +439,7 @@ class VelocityMapping:
         S_m, Q, tolerance = self._problem.S_m, self._problem.self_motion, self._problem.tolerance
         if self._kinematics is not None:
             return self._kinematics._reduced.determines(self._directions[0])
-        moved = ranked_svd(S_m @ Q, largest(S_m) * basis_scale(Q), tolerance)
-        return not np.any(moved.rank > 0)
+        return not np.any(ranked_svd(S_m @ Q, largest(S_m) * basis_scale(Q), tolerance).rank > 0)
 
     @cached_property
     def _solution(self) -> tuple[Array, list[RankedSvd]]:

@@ -137,8 +137,7 @@ class Distances:
         for row, (k, distance, fromto) in zip(rows, near, strict=True):
             pair = self.geom_pairs[k]
             for jacobian, geom, point in zip(jacobians, pair, fromto.reshape(2, 3), strict=True):
-                body = self.model.geom_bodyid[geom]
-                mujoco.mj_jac(self.model, data, jacobian, None, point, body)
+                mujoco.mj_jac(self.model, data, jacobian, None, point, self.model.geom_bodyid[geom])
             normal = self._normal(data, pair, distance, fromto)
             np.matmul(normal, jacobians[1] - jacobians[0], out=row)
         distance_m = np.array([distance for _, distance, _ in near], dtype=float)

@@ -237,8 +237,7 @@ class Plant:
         """Apply forces (n,), [N] or [N m], along the actuators' velocities from now on."""
         force = check.array("force", force, len(self.drives))
         if self._velocities is None:
-            rows = drive_rows(self.model, self.data, self.drives)
-            self.data.qfrc_applied[:] = rows.T.dot(force)
+            self.data.qfrc_applied[:] = drive_rows(self.model, self.data, self.drives).T.dot(force)
         else:
             self.data.qfrc_applied[:] = 0.0
             self.data.qfrc_applied[self._velocities] = force
