@@ -20,7 +20,6 @@ from prioritized._mechanism.names import Aliases, actuator_aliases
 from prioritized._mechanism.task_motion import TaskMotion
 from prioritized._solver.arrays import ReadOnly, transposed
 from prioritized._solver.canonical import canonical
-from prioritized._solver.rank import RANK_TOLERANCE
 from prioritized._system import ConstrainedSystem
 
 HEALTHY, LOCKED, FREE = 0, 1, 2
@@ -242,10 +241,6 @@ def _problem(motions: Motions, task: MajorTask) -> Problem:
     task_motion, Z = task.task, motions.admissible
     forbidden = np.eye(len(task_motion.rate_units)) - Z @ transposed(Z)
     J, scale = task.truncated(task_motion.J, task_motion.scale(None), forbidden)
-    Q = (
-        task_motion.moved.U[..., : task_motion.moved.significant.shape[1]]
-        * task_motion.moved.significant[:, None, :]
-    )
-    return unweighted(J, task.S_m, forbidden, Q, scale, RANK_TOLERANCE).natural(
-        task_motion.task_units, 1.0
-    )
+    moved = task_motion.moved
+    Q = moved.U[..., : moved.significant.shape[1]] * moved.significant[:, None, :]
+    return unweighted(J, task.S_m, forbidden, Q, scale).natural(task_motion.task_units, 1.0)

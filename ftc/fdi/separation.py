@@ -199,9 +199,8 @@ class Separations:
 
     def indistinguishable(self) -> tuple[tuple[int, ...], ...]:
         """Return groups of actuators linked by pairs below :data:`SEPARATION_THRESHOLD`."""
-        count, label = connected_components(
-            self.between_actuators < SEPARATION_THRESHOLD, directed=False
-        )
+        is_linked = self.between_actuators < SEPARATION_THRESHOLD
+        count, label = connected_components(is_linked, directed=False)
         groups = [tuple(np.flatnonzero(label == k).tolist()) for k in range(count)]
         return tuple(group for group in groups if len(group) > 1)
 
@@ -356,10 +355,9 @@ def distances(
     for fault, value in zip(bank.faults, least, strict=False):  # the causes follow the faults
         place = fault.actuator, KINDS.index(fault.kind)
         others[place] = min(others[place], value)
-    true_energy = (
-        least[len(bank.faults) + bank.causes.index(truth)]
-        if isinstance(truth, Cause)
-        else others[truth.actuator, KINDS.index(truth.kind)]
-    )
+    if isinstance(truth, Cause):
+        true_energy = least[len(bank.faults) + bank.causes.index(truth)]
+    else:
+        true_energy = others[truth.actuator, KINDS.index(truth.kind)]
     from_none = float(np.sqrt(max(energy[0, 0] - true_energy, 0)))
     return np.sqrt(np.maximum(others - true_energy, 0)), from_none

@@ -40,22 +40,10 @@ def unweighted(
     active_constraint: Array,
     self_motion: Array,
     scale: Array | float,
-    tolerance: float,
 ) -> Problem:
     """Return Problems 1 and 6 without weights, after checking their arguments."""
     return checked(
-        J,
-        major,
-        None,
-        weight_name="weight",
-        weight=None,
-        secondary_weight=None,
-        active_constraint=active_constraint,
-        self_motion=self_motion,
-        major_metric=None,
-        tie_metric=None,
-        scale=scale,
-        rank_tolerance=tolerance,
+        J, major, None, active_constraint=active_constraint, self_motion=self_motion, scale=scale
     )
 
 

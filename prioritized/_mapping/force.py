@@ -31,7 +31,6 @@ from prioritized._solver.arrays import (
     joined,
     on_axes,
     read_only,
-    respond,
     stack,
     transposed,
 )
@@ -338,12 +337,8 @@ def force_mapping_of(
         weight_name="torque_weight",
         weight=weights[0],
         secondary_weight=weights[1],
-        active_constraint=None,
-        self_motion=None,
         major_metric=metrics[0],
         tie_metric=metrics[1],
-        scale=None,
-        rank_tolerance=RANK_TOLERANCE,
     )
     reduced = mechanism._reduced
     measure, rows = reduced.measure(stated.S_m), reduced.task_units
@@ -471,6 +466,10 @@ def _spanned(projector: Array, factors: Array) -> Array:
 def _respond(
     gains: Gains, f_major: ArrayLike, torque: ArrayLike | None, secondary_force: ArrayLike | None
 ) -> Array:
-    return respond(
-        gains, "f_major", f_major=f_major, torque=torque, secondary_force=secondary_force
-    )
+    """Return the sum of each gain (..., i, j) times its input (..., j); None counts as zero."""
+    inputs = {"f_major": f_major, "torque": torque, "secondary_force": secondary_force}
+    total = np.zeros(gains[0].shape[-2])
+    for gain, (name, value) in zip(gains, inputs.items(), strict=True):
+        if value is not None or name == "f_major":
+            total = total + apply(gain, name, value)
+    return total

@@ -60,10 +60,7 @@ class VelocityMapping:
     def _of_plain(
         plain: Plain, directions: tuple[Array, Array], limiting: Limiting | None
     ) -> "VelocityMapping":
-        """Return the mapping of one J with diagonal weights.
-
-        `directions` are those of the major and of the secondary task.
-        """
+        """Return the mapping of one J, diagonal weights, major and secondary directions."""
         mapping = object.__new__(VelocityMapping)
         parts = {"_damping": 0.0, "_limiting": limiting, "_kinematics": None}
         vars(mapping).update(parts, _directions=directions, _plain=plain)
@@ -318,10 +315,12 @@ class VelocityMapping:
         return Limiting(box) if self._limiting is None else self._limiting._replace(box=box)
 
     def __str__(self) -> str:
-        gain = float(self.largest_gain.max(initial=0.0))
+        gain, uncertainty = float(self.largest_gain.max(initial=0.0)), 0.0
+        if self._kinematics is not None:
+            uncertainty = self._kinematics._reduced.major(self._directions[0]).gain_uncertainty
         sentences = (
             as_sentence(self.status.value),
-            *uncertainty_sentences(gain, self._gain_uncertainty),
+            *uncertainty_sentences(gain, uncertainty),
             *servo_sentences(self.amplification),
             *length_sentences(self.characteristic_length),
             *closure_sentences(self.closure_condition),
@@ -394,16 +393,6 @@ class VelocityMapping:
         units = ones(J.shape[-2]) if self._measure is None else self._measure.major
         gain = largest(X[..., : len(units)] * units)
         return read_only(np.asarray(largest(J / units[:, None]) * gain))
-
-    @property
-    def _gain_uncertainty(self) -> float:
-        """Relative error of the largest gain due to the accuracy of the geometry.
-
-        Zero for a J given as a matrix, and if part of the major task is unreachable.
-        """
-        if self._kinematics is None:
-            return 0.0
-        return self._kinematics._reduced.major(self._directions[0]).gain_uncertainty
 
     @property
     def closure_condition(self) -> float:

@@ -55,10 +55,8 @@ class MajorTask:
         S, error, task = self._major, self.task.self_motion_error, self.task.geometry.task
         # Scaled by the 2-norm, so that with every row major it is the decision on the whole task.
         rows = np.maximum(frobenius(task[S.any(axis=0)]), LEAST_ROWS * self.task.geometry.size)
-        size = largest(S) * rows
-        return self.task.decide(
-            S @ self.task.self_motion_task, size, None if error is None else np.abs(S) @ error
-        )
+        error = None if error is None else np.abs(S) @ error
+        return self.task.decide(S @ self.task.self_motion_task, largest(S) * rows, error)
 
     @cached_property
     def moved_secondary(self) -> RankedSvd:

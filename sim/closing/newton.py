@@ -141,8 +141,7 @@ def close(data: mujoco.MjData, loops: Loops) -> None:
         remaining = gaps - closing.T @ closable
         # Compared in the units of the rows: even a small gap is closed if motion can close it.
         if np.abs(gaps - remaining).max(initial=0.0) < CLOSED <= np.abs(remaining).max(initial=0.0):
-            stated = loops.accuracy
-            inexact = written_accuracy(loops.model) if stated is None else stated
+            inexact = written_accuracy(loops.model) if loops.accuracy is None else loops.accuracy
             size = np.linalg.norm(rows * loops.velocity_units)
             if np.abs(gaps).max() < _MARGIN * inexact * size:
                 return

@@ -26,10 +26,8 @@ motion's largest joint speed at which a joint is listed as moving."""
 _REDUNDANT = 1e-9
 """Relative singular value below which constraints are redundant: loops close to 1e-10."""
 
-_FRICTION = (
-    int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF),
-    int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON),
-)
+_CONSTRAINT = mujoco.mjtConstraint
+_FRICTION = int(_CONSTRAINT.mjCNSTR_FRICTION_DOF), int(_CONSTRAINT.mjCNSTR_FRICTION_TENDON)
 _STIFFNESS = 1 / (0.95 * 0.02) ** 2
 """Stiffness of MuJoCo's default `solref`, 20 ms critically damped, [1/s^2]."""
 _SOFT = 0.1
