@@ -97,10 +97,8 @@ class FailureAtlas(Classes):
         Failures that the system already had are not included.
         """
         condition = self.codes[check.integer("row", row, len(self.codes))]
-        locked, free = (
-            frozenset(np.flatnonzero(condition == code).tolist()) for code in (LOCKED, FREE)
-        )
-        return Failures(locked, free).describe(self.actuator_names, ())
+        failed = (np.flatnonzero(condition == code).tolist() for code in (LOCKED, FREE))
+        return Failures(*map(frozenset, failed)).describe(self.actuator_names, ())
 
     def row(self, locked: Iterable[int | str] = (), free: Iterable[int | str] = ()) -> int:
         """Return the row of the condition with exactly these failures; actuators by number or name.
@@ -167,11 +165,8 @@ def failure_atlas(
     elastic = None
     if system.stiffness is not None:
         elastic_motions = with_stiffness(motions, system.geometry.stiffness(system.stiffness))
-        elastic = _classes(
-            elastic_motions,
-            MajorTask(TaskMotion.of(elastic_motions, system.active), S_m, S_s),
-            limits,
-        )
+        task = MajorTask(TaskMotion.of(elastic_motions, system.active), S_m, S_s)
+        elastic = _classes(elastic_motions, task, limits)
     return FailureAtlas(
         **vars(rigid),
         codes=conditions,

@@ -303,10 +303,9 @@ class NonlinearityMonitor:
     def __init__(self, model: mujoco.MjModel, part: Part | None = None) -> None:
         """Take the plant's model and the part of it to monitor; None is the whole model."""
         self.sentences, self._part = dict[str, None](), part
-        drives_of_part = drives(model, among=None if part is None else part.actuators)
         self._forces = [
             (k, out, drive.name)
-            for drive in drives_of_part
+            for drive in drives(model, among=None if part is None else part.actuators)
             for k, out in zip(drive.ids, drive.outputs, strict=True)
         ]
 
