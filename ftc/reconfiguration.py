@@ -93,12 +93,8 @@ def goal_after(
             locked_at[actuator] = 0.0
         else:
             free.add(actuator)
-    return replace(
-        goal,
-        locked_at=locked_at,
-        effectiveness=effectiveness,
-        free=tuple(sorted(free - {*locked_at})),
-    )
+    not_locked = tuple(sorted(free - {*locked_at}))
+    return replace(goal, locked_at=locked_at, effectiveness=effectiveness, free=not_locked)
 
 
 def with_margin(goal: Goal, known: Goal) -> Goal:

@@ -207,8 +207,7 @@ class Sensors:
         task = of_task.step(self.task, getattr(measurement, "output", None), sent)
         encoders = self.encoders
         if encoders.last:
-            read = getattr(measurement, "displacement", None)
-            encoders = of_encoders.step(encoders, read, sent)
+            encoders = of_encoders.step(encoders, getattr(measurement, "displacement", None), sent)
         return Sensors(task, encoders, estimable and task.lost and not encoders.gap_ticks)
 
     @property

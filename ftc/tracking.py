@@ -16,27 +16,14 @@ from numpy.typing import ArrayLike
 import argument_checks as check
 from argument_checks import Array
 from argument_checks.ties import greatest
-from ftc.control.compensator import (
-    Compensator,
-    NoResponse,
-    UnstableLoop,
-    compensators,
-    minimal,
-)
+from ftc.control.compensator import Compensator, NoResponse, UnstableLoop, compensators, minimal
 from ftc.control.frequency_response import Margins, channels, margins
 from ftc.control.geometry import MechanismGeometry, MechanismModel
 from ftc.control.mapping import Goal, PrioritizedMapping
 from ftc.controller import DirectDrive, Measurement, PrioritizedController
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, FdiConfig
 from ftc.fdi.dither import Dither
-from ftc.fdi.fault_model import (
-    Fault,
-    NominalModel,
-    by_kind,
-    fault_model,
-    of_actuators,
-    static_gain,
-)
+from ftc.fdi.fault_model import Fault, NominalModel, by_kind, fault_model, of_actuators, static_gain
 from ftc.fdi.monitor import monitor
 from ftc.reconfiguration import Unused
 from ftc.supervisor import Supervisor
@@ -177,8 +164,7 @@ class Tracking:
 
     def _estimate(self, measurement: Measurement, near: Any) -> Array:
         """Return the major task (m1,) by forward kinematics of the encoders near a posture."""
-        posture = self._at(measurement.displacement, near)
-        return self.model.task(posture)[list(self.major)]
+        return self.model.task(self._at(measurement.displacement, near))[list(self.major)]
 
     def _at(self, displacement: Array, near: Any) -> Any:
         """Return the posture near another one at which the encoders read displacements (n,)."""
@@ -237,8 +223,7 @@ class Tracking:
     def classified(self, faults: Sequence[Fault] = ()) -> Manipulability:
         """Classify the mechanism with these faults in the nominal posture, section 2.2."""
         failed = by_kind(of_actuators(faults, self.nominal.actuators))
-        kinematics = self.system.with_failures(**failed).kinematics()
-        return kinematics.manipulability(list(self.major))
+        return self.system.with_failures(**failed).kinematics().manipulability(list(self.major))
 
 
 def tracking(

@@ -20,7 +20,6 @@ from prioritized._mechanism.names import Aliases, actuator_aliases
 from prioritized._mechanism.task_motion import TaskMotion
 from prioritized._solver.arrays import ReadOnly, transposed
 from prioritized._solver.canonical import canonical
-from prioritized._solver.rank import RANK_TOLERANCE
 from prioritized._system import ConstrainedSystem
 
 HEALTHY, LOCKED, FREE = 0, 1, 2
@@ -98,10 +97,8 @@ class FailureAtlas(Classes):
         Failures that the system already had are not included.
         """
         condition = self.codes[check.integer("row", row, len(self.codes))]
-        locked, free = (
-            frozenset(np.flatnonzero(condition == code).tolist()) for code in (LOCKED, FREE)
-        )
-        return Failures(locked, free).describe(self.actuator_names, ())
+        failed = (np.flatnonzero(condition == code).tolist() for code in (LOCKED, FREE))
+        return Failures(*map(frozenset, failed)).describe(self.actuator_names, ())
 
     def row(self, locked: Iterable[int | str] = (), free: Iterable[int | str] = ()) -> int:
         """Return the row of the condition with exactly these failures; actuators by number or name.
@@ -150,8 +147,7 @@ def failure_atlas(
         ValueError: Invalid rows, codes or limits, or more than ten actuators without codes.
     """
     n = len(check.instance("system", system, ConstrainedSystem).active)
-    m = system.J_T.shape[0]
-    S_m, S_s = task_selection(major, secondary, m)
+    S_m, S_s = task_selection(major, secondary, system.J_T.shape[0])
     conditions = _conditions(codes, n)
     existing = system.failures
     locked, free = conditions == LOCKED, conditions == FREE
@@ -169,11 +165,8 @@ def failure_atlas(
     elastic = None
     if system.stiffness is not None:
         elastic_motions = with_stiffness(motions, system.geometry.stiffness(system.stiffness))
-        elastic = _classes(
-            elastic_motions,
-            MajorTask(TaskMotion.of(elastic_motions, system.active), S_m, S_s),
-            limits,
-        )
+        task = MajorTask(TaskMotion.of(elastic_motions, system.active), S_m, S_s)
+        elastic = _classes(elastic_motions, task, limits)
     return FailureAtlas(
         **vars(rigid),
         codes=conditions,
@@ -243,10 +236,6 @@ def _problem(motions: Motions, task: MajorTask) -> Problem:
     task_motion, Z = task.task, motions.admissible
     forbidden = np.eye(len(task_motion.rate_units)) - Z @ transposed(Z)
     J, scale = task.truncated(task_motion.J, task_motion.scale(None), forbidden)
-    Q = (
-        task_motion.moved.U[..., : task_motion.moved.significant.shape[1]]
-        * task_motion.moved.significant[:, None, :]
-    )
-    return unweighted(J, task.S_m, forbidden, Q, scale, RANK_TOLERANCE).natural(
-        task_motion.task_units, 1.0
-    )
+    moved = task_motion.moved
+    Q = moved.U[..., : moved.significant.shape[1]] * moved.significant[:, None, :]
+    return unweighted(J, task.S_m, forbidden, Q, scale).natural(task_motion.task_units, 1.0)

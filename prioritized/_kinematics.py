@@ -70,30 +70,22 @@ class Kinematics:
         """Velocity indices of all other joints, including failed actuators, shape (N - n + q,)."""
         return self.system.joints.passive
 
-    @property
-    def J(self) -> Array:
-        """Task Jacobian, eq. (14), shape (m, n - q)."""
-        return self._J
-
     @cached_property
     def _reduced(self) -> Reduced:
         """Mechanism reduced to its active joints, in natural units, for the mappings."""
         return Reduced(self.system)
 
     @cached_property
-    def _J(self) -> Array:
+    def J(self) -> Array:
+        """Task Jacobian, eq. (14), shape (m, n - q)."""
         reduced = self._reduced
         if self.system.geometry.accuracy is None:
             return reduced.J
         return read_only(reduced.task_units[:, None] * reduced.J / reduced.rate_units)
 
-    @property
+    @cached_property
     def self_motion(self) -> Array:
         """Orthonormal basis of the task motion with every active joint locked, shape (m, k)."""
-        return self._self_motion
-
-    @cached_property
-    def _self_motion(self) -> Array:
         return read_only(canonical(respanned(self._reduced.self_motion, self._reduced.task_units)))
 
     @cached_property
@@ -105,13 +97,9 @@ class Kinematics:
         reduced = self._reduced
         return read_only(canonical(respanned(reduced.internal_force, 1.0 / reduced.force_units)).T)
 
-    @property
+    @cached_property
     def active_constraint(self) -> Array:
         """Orthonormal rows whose null space is the admissible rates, eq. (17), (r', n - q)."""
-        return self._active_constraint
-
-    @cached_property
-    def _active_constraint(self) -> Array:
         reduced = self._reduced
         return read_only(canonical(respanned(reduced.constraint.T, 1.0 / reduced.rate_units)).T)
 
@@ -250,24 +238,20 @@ class Kinematics:
         restricted to the survivors; all rates, including desired ones, are those of the survivors:
         `desired[..., kin.actuators]`.
         """
-        W1 = self._survivors.matrix("joint_weight", joint_weight)
-        T = self._survivors.matrix("tie_metric", tie_metric)
-        box = self._survivors.pair(rate_limits)
-        rows = self._survivors.rows("rate_rows", rate_rows)
-        mapping = velocity_mapping(
+        survivors = self._survivors
+        return velocity_mapping(
             self.J,
             major,
             secondary,
-            W1,
+            survivors.matrix("joint_weight", joint_weight),
             secondary_weight,
             major_metric=major_metric,
-            tie_metric=T,
+            tie_metric=survivors.matrix("tie_metric", tie_metric),
             damping=damping,
-            rate_limits=box,
-            rate_rows=rows,
+            rate_limits=survivors.pair(rate_limits),
+            rate_rows=survivors.rows("rate_rows", rate_rows),
             when_limited=when_limited,
-        )
-        return mapping._of_mechanism(self)
+        )._of_mechanism(self)
 
     def hierarchy(
         self,
@@ -376,9 +360,7 @@ class Kinematics:
         """Return the unweighted problem of a major task."""
         reduced = self._reduced
         J, scale = reduced.truncated_jacobian(*task_selection(major, None, len(self.J)))
-        problem = unweighted(
-            J, major, reduced.constraint, reduced.self_motion, scale, RANK_TOLERANCE
-        )
+        problem = unweighted(J, major, reduced.constraint, reduced.self_motion, scale)
         return problem.natural(reduced.task_units, 1.0)
 
     def _limits(self, name: str, value: tuple[ArrayLike, ArrayLike] | None) -> Array:

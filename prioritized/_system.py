@@ -102,10 +102,9 @@ class ConstrainedSystem:
         """
         task = _copy("J_T", J_T)
         N = task.shape[1]
-        constraint = np.zeros((0, N)) if J_C is None else J_C
         fields = {
             "J_T": task,
-            "J_C": _copy("J_C", constraint, N),
+            "J_C": _copy("J_C", np.zeros((0, N)) if J_C is None else J_C, N),
             "active": check.frozen(check.indices("active", active, N)),
             "stiffness": _metric("stiffness", stiffness, N),
             "rank_tolerance": tolerance_of(rank_tolerance, geometry_accuracy),
@@ -114,8 +113,7 @@ class ConstrainedSystem:
         if accuracy is not None:
             check.attributes("accuracy", accuracy, *ACCURACY_PARTS)
         fields["accuracy"] = accuracy
-        n = len(fields["active"])
-        fields["names"] = None if names is None else checked_names(names, N, n)
+        fields["names"] = None if names is None else checked_names(names, N, len(fields["active"]))
         for name, value in (fields | {"failures": Failures()}).items():
             object.__setattr__(self, name, value)
         if failures is not None:
@@ -254,10 +252,8 @@ class ConstrainedSystem:
                 slides in mechanism lengths/s; the mass matrix gives the motion of a frictionless
                 machine that starts from rest.
         """
-        metric = _metric("passive_metric", passive_metric, self.J_T.shape[1])
-        springs = (
-            None if K is None else self.geometry.stiffness(K) for K in (self.stiffness, metric)
-        )
+        both = self.stiffness, _metric("passive_metric", passive_metric, self.J_T.shape[1])
+        springs = (None if K is None else self.geometry.stiffness(K) for K in both)
         return Kinematics(Partition(self.geometry, self._joints, *springs), self.names)
 
     @cached_property

@@ -110,11 +110,9 @@ def circle_margin(
     stacked, M = Compensators(compensators), 0.0
     w = 2 * np.pi * np.geomspace(1e-2, 0.499 / plant.dt, 4000)
     if check.flag("anti_windup", anti_windup):  # reduction of the demands by L per u - u_a
-        M = frequency_response(
-            control.ss(stacked.A, tracking_gains(compensators), stacked.C, 0, stacked.dt)
-        )(w)
+        gains = tracking_gains(compensators)
+        M = frequency_response(control.ss(stacked.A, gains, stacked.C, 0, stacked.dt))(w)
     one = np.eye(len(compensators))
     H = frequency_response(stacked)(w) @ frequency_response(plant)(w)
     around = np.linalg.solve(one + M, one + H)
-    hermitian = (around + around.conj().swapaxes(1, 2)) / 2
-    return float(np.linalg.eigvalsh(hermitian).min())
+    return float(np.linalg.eigvalsh((around + around.conj().swapaxes(1, 2)) / 2).min())

@@ -106,9 +106,8 @@ class MechanismGeometry:
         """
         self.model = check.attributes("model", model, "jacobians", "displacements", "task", "moved")
         self.nominal = model.nominal
-        self.system = ConstrainedSystem.of(
-            model.jacobians(model.nominal), check.flag("springs", springs)
-        )
+        jacobians = model.jacobians(model.nominal)
+        self.system = ConstrainedSystem.of(jacobians, check.flag("springs", springs))
         every = np.arange(len(self.system.active))
         self._driven = np.setdiff1d(every, check.indices("free", free, len(every)))
 

@@ -58,16 +58,13 @@ class Goal:
                 diagonal = check.array(name, check.array(name, weight, None), least=0.0)
                 vars(self)[name] = tuple(diagonal.tolist())
         for name in ("free", "spring_lost"):
-            vars(self)[name] = tuple(
-                check.indices(name, getattr(self, name), MOST_ACTUATORS).tolist()
-            )
+            numbers = check.indices(name, getattr(self, name), MOST_ACTUATORS)
+            vars(self)[name] = tuple(numbers.tolist())
         for name in ("locked_at", "effectiveness"):
             given = check.instance(name, getattr(self, name), dict)
             actuators = check.indices(name, list(given), MOST_ACTUATORS).tolist()
-            vars(self)[name] = {
-                k: check.number(name, value)
-                for k, value in zip(actuators, given.values(), strict=True)
-            }
+            pairs = zip(actuators, given.values(), strict=True)
+            vars(self)[name] = {k: check.number(name, value) for k, value in pairs}
         for part in self.effectiveness.values():
             check.number("effectiveness", part, check.SMALLEST, 1.0)
 
@@ -367,15 +364,11 @@ class PrioritizedMapping(Generic[Pose]):
         parts, along = [step.major, step.joint], None
         if self.goal.secondary_weight is not None:
             parts, along = [*parts, step.secondary], step.along
-        jacobians = self._model.jacobians(pose)
-        return tick.at_jacobians(jacobians, np.concatenate(parts), limits, along)
+        return tick.at_jacobians(self._model.jacobians(pose), np.concatenate(parts), limits, along)
 
     @cached_property
     def _ticks(self) -> list[Tick | None]:
-        """Compiled mappings at any pose, without and with limits.
-
-        An entry is None for an alternative allocation.
-        """
+        """Compiled mappings at any pose, without and with limits; None for other allocations."""
         both = self._at_nominal.mapping, self._at_nominal.limited
         return [of.tick() if isinstance(of, VelocityMapping) else None for of in both]
 
@@ -409,8 +402,7 @@ class PrioritizedMapping(Generic[Pose]):
         internal = np.linalg.pinv(C) @ (C @ surviving)
         surviving = surviving - internal
         demand = kinematics.J[self._major] @ surviving
-        secondary_reference = self._expand.dot(surviving - mapping(demand))
-        return demand, secondary_reference, self._expand.dot(internal)
+        return demand, self._expand.dot(surviving - mapping(demand)), self._expand.dot(internal)
 
     def estimate(self, displacements: Array, pose: Pose) -> Pose:
         """Return the pose for commanded displacements (n,), starting from the pose a tick before.

@@ -136,8 +136,7 @@ def ranked_sensors(
     commanded, at_hz = _driven(nominal, dither)
     check.instance("candidates", candidates, Mapping)
     # The response of a sensor does not depend on the others: compute all at once.
-    extended = _with_sensors(nominal, candidates)
-    responses = fault_responses(extended, at_hz, time_s, uncertainty)
+    responses = fault_responses(_with_sensors(nominal, candidates), at_hz, time_s, uncertainty)
     measured, sensors = len(nominal.noise), []
     for k, name in enumerate(candidates):
         rows = [*range(measured), measured + k]

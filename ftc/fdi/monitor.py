@@ -32,14 +32,7 @@ from ftc.fdi.decision import (
 )
 from ftc.fdi.diagnosis import DEFAULT_CONFIG, Diagnosis, FdiConfig
 from ftc.fdi.fault_model import KINDS, MOST_STEPS, Fault, NominalModel, of_actuators
-from ftc.fdi.observer import (
-    LEARNING_S,
-    ORDER,
-    Observer,
-    ObserverState,
-    ResidualTest,
-    Sample,
-)
+from ftc.fdi.observer import LEARNING_S, ORDER, Observer, ObserverState, ResidualTest, Sample
 
 DECISION_PERIOD_S, REVISION_PERIOD_S = 16e-3, 48e-3
 """Time between decisions before and after an actuator is isolated [s]: a decision costs more than a
@@ -257,10 +250,8 @@ class Monitor:
 
     def _looked_into(self, state: MonitorState, now: Decision) -> MonitorState:
         """Isolate an actuator for the first time, restart the evidence, or give up."""
-        waited_s, seen_s = (
-            (state.ticks - tick) * self.nominal.period_s
-            for tick in (state.alarm_ticks[-1], state.evidence_start_tick)
-        )
+        starts = state.alarm_ticks[-1], state.evidence_start_tick
+        waited_s, seen_s = ((state.ticks - tick) * self.nominal.period_s for tick in starts)
         explained = now.fits and now.unexplained <= LARGEST_UNEXPLAINED
         # Within less than a period of the dither, with an inexact model, a locking actuator can
         # resemble another one that weakens.

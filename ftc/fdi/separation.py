@@ -199,9 +199,8 @@ class Separations:
 
     def indistinguishable(self) -> tuple[tuple[int, ...], ...]:
         """Return groups of actuators linked by pairs below :data:`SEPARATION_THRESHOLD`."""
-        count, label = connected_components(
-            self.between_actuators < SEPARATION_THRESHOLD, directed=False
-        )
+        is_linked = self.between_actuators < SEPARATION_THRESHOLD
+        count, label = connected_components(is_linked, directed=False)
         groups = [tuple(np.flatnonzero(label == k).tolist()) for k in range(count)]
         return tuple(group for group in groups if len(group) > 1)
 
@@ -231,8 +230,7 @@ def separations_at(responses: FaultResponses, k: int, commanded: Array) -> Separ
         signature_C, last_C = np.zeros((2, 1, *S.shape))
     distance = np.empty((len(signatures), len(first)))
     true_C, explanation_C = (_regular(S + array) / 2 for array in (signature_C, last_C))
-    arrays = signatures, first, last - first, true_C, explanation_C
-    arguments = list(map(pointer, arrays))
+    arguments = list(map(pointer, (signatures, first, last - first, true_C, explanation_C)))
     workspace = pointer(np.empty(lib.segments_room(len(S))))
     lib.to_segments(*distance.shape, len(S), *arguments, shared, workspace, pointer(distance))
     n, kinds = len(change), len(KINDS)
@@ -357,10 +355,9 @@ def distances(
     for fault, value in zip(bank.faults, least, strict=False):  # the causes follow the faults
         place = fault.actuator, KINDS.index(fault.kind)
         others[place] = min(others[place], value)
-    true_energy = (
-        least[len(bank.faults) + bank.causes.index(truth)]
-        if isinstance(truth, Cause)
-        else others[truth.actuator, KINDS.index(truth.kind)]
-    )
+    if isinstance(truth, Cause):
+        true_energy = least[len(bank.faults) + bank.causes.index(truth)]
+    else:
+        true_energy = others[truth.actuator, KINDS.index(truth.kind)]
     from_none = float(np.sqrt(max(energy[0, 0] - true_energy, 0)))
     return np.sqrt(np.maximum(others - true_energy, 0)), from_none

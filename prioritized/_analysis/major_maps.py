@@ -40,22 +40,10 @@ def unweighted(
     active_constraint: Array,
     self_motion: Array,
     scale: Array | float,
-    tolerance: float,
 ) -> Problem:
     """Return Problems 1 and 6 without weights, after checking their arguments."""
     return checked(
-        J,
-        major,
-        None,
-        weight_name="weight",
-        weight=None,
-        secondary_weight=None,
-        active_constraint=active_constraint,
-        self_motion=self_motion,
-        major_metric=None,
-        tie_metric=None,
-        scale=scale,
-        rank_tolerance=tolerance,
+        J, major, None, active_constraint=active_constraint, self_motion=self_motion, scale=scale
     )
 
 
@@ -64,8 +52,7 @@ def of_rates(problem: Problem) -> MajorMap:
     G, S_m = problem.major_jacobian, problem.S_m
     empty = np.zeros((*G.shape[:-1], 0))
     dimension = np.zeros(G.shape[:-2], dtype=np.intp)
-    scale = frobenius(S_m) * problem.scale
-    return MajorMap(G, problem.active_constraint, empty, dimension, scale)
+    return MajorMap(G, problem.active_constraint, empty, dimension, frobenius(S_m) * problem.scale)
 
 
 def of_torques(problem: Problem) -> MajorMap:

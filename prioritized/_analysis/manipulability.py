@@ -267,7 +267,8 @@ def _unstable_secondary(task: MajorTask, _: Any) -> _Directions:
 def _unobservable(task: MajorTask, of_mechanism: Callable[[str], Any]) -> _Directions:
     motion, passive = task.task, of_mechanism("passive")
     null, units = motion.moved.null, motion.geometry.velocity_units[passive, None]
-    return _orthonormal(units * (motion.self_motion[passive] @ null)), (motion.moved,)
+    columns = units * (motion.self_motion[passive] @ null)
+    return np.linalg.qr(columns)[0] if columns.size else columns, (motion.moved,)
 
 
 _COLUMNS = {
@@ -285,10 +286,6 @@ _OF_ROWS = {"irresolvable": "internal_force", "constrained_active": "active_cons
 def _gap(task: TaskMotion, decisions: tuple[RankedSvd, ...]) -> float:
     """Return the smallest gap of all rank decisions that a finding depends on."""
     return float(min([task.gap, *(svd.gap for svd in decisions)]))
-
-
-def _orthonormal(columns: Array) -> Array:
-    return np.linalg.qr(columns)[0] if columns.size else columns
 
 
 def _left_null(A: RankedSvd) -> Array:

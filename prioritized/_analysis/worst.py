@@ -83,6 +83,5 @@ def _balls(sets: Polytope, r: int) -> Array:
     """Return the radii of sets of full rank whose C have rank r."""
     refuse_too_many(sets)
     (C, n), m1 = sets.lower.shape, sets.offset.shape[1]
-    numbers = C * n * comb(n, m1 + r - 1)
-    blocks = np.array_split(np.arange(C), 1 + numbers // BLOCK)
+    blocks = np.array_split(np.arange(C), 1 + C * n * comb(n, m1 + r - 1) // BLOCK)
     return np.concatenate([ball(sets.part(block), r) for block in blocks])

@@ -31,7 +31,6 @@ from prioritized._solver.arrays import (
     joined,
     on_axes,
     read_only,
-    respond,
     stack,
     transposed,
 )
@@ -184,8 +183,7 @@ class ForceMapping(ReadOnly):
     def _within(self) -> Limiting:
         if self._limiting is not None:
             return self._limiting
-        n = self._problem.J.shape[-1]
-        return _of_torques(self._forces, limits("torque_limits", None, n))
+        return _of_torques(self._forces, limits("torque_limits", None, self._problem.J.shape[-1]))
 
     def secondary_force(
         self,
@@ -317,8 +315,7 @@ def force_mapping(
         scale=scale,
         rank_tolerance=rank_tolerance,
     )
-    bounds = ForceLimits(torque_limits, torque_rows, force_rows, when_limited)
-    return _solved(problem, bounds, None)
+    return _solved(problem, ForceLimits(torque_limits, torque_rows, force_rows, when_limited), None)
 
 
 def force_mapping_of(
@@ -340,12 +337,8 @@ def force_mapping_of(
         weight_name="torque_weight",
         weight=weights[0],
         secondary_weight=weights[1],
-        active_constraint=None,
-        self_motion=None,
         major_metric=metrics[0],
         tie_metric=metrics[1],
-        scale=None,
-        rank_tolerance=RANK_TOLERANCE,
     )
     reduced = mechanism._reduced
     measure, rows = reduced.measure(stated.S_m), reduced.task_units
@@ -448,8 +441,7 @@ def _of_torques(
 
 def _refuse_overlap(S_m: Array, S_s: Array, tolerance: float) -> None:
     """Raise if a secondary force could cancel the major force."""
-    both = stack(S_m, S_s)
-    ranks = [ranked_svd(S, frobenius(S), tolerance).rank for S in (S_m, S_s, both)]
+    ranks = [ranked_svd(S, frobenius(S), tolerance).rank for S in (S_m, S_s, stack(S_m, S_s))]
     if ranks[2] < ranks[0] + ranks[1]:
         raise ValueError("secondary must exclude the major directions, got some of them")
 
@@ -472,11 +464,12 @@ def _spanned(projector: Array, factors: Array) -> Array:
 
 
 def _respond(
-    gains: Gains,
-    f_major: ArrayLike,
-    torque: ArrayLike | None,
-    secondary_force: ArrayLike | None,
+    gains: Gains, f_major: ArrayLike, torque: ArrayLike | None, secondary_force: ArrayLike | None
 ) -> Array:
-    return respond(
-        gains, "f_major", f_major=f_major, torque=torque, secondary_force=secondary_force
-    )
+    """Return the sum of each gain (..., i, j) times its input (..., j); None counts as zero."""
+    inputs = {"f_major": f_major, "torque": torque, "secondary_force": secondary_force}
+    total = np.zeros(gains[0].shape[-2])
+    for gain, (name, value) in zip(gains, inputs.items(), strict=True):
+        if value is not None or name == "f_major":
+            total = total + apply(gain, name, value)
+    return total

@@ -46,13 +46,9 @@ class HierarchySolution:
     packed: Packed
     point: Point
 
-    @property
+    @cached_property
     def rates(self) -> Array:
         """Rates of the surviving actuators, within the limits exactly, shape (n,)."""
-        return self._rates
-
-    @cached_property
-    def _rates(self) -> Array:
         rates = self.hierarchy.specs.units[1] * self.point.x[0, : self._n]
         return read_only(rates.clip(*self.hierarchy.limiting.box))
 
@@ -84,14 +80,11 @@ class HierarchySolution:
         For an interval, the distance to it.
         """
         J, rates = self.hierarchy.J, self.rates
-        return tuple(
-            read_only(
-                np.concatenate(
-                    [part.residual(target, J, rates) for part, target in zip(*pair, strict=True)]
-                )
-            )
+        residuals = (
+            [part.residual(target, J, rates) for part, target in zip(*pair, strict=True)]
             for pair in zip(self.hierarchy.specs.levels, self.targets, strict=True)
         )
+        return tuple(read_only(np.concatenate(of_tasks)) for of_tasks in residuals)
 
     @cached_property
     def damping_errors(self) -> tuple[float, ...]:
@@ -124,8 +117,7 @@ class HierarchySolution:
         """Return whether this level has a smaller residual without limits."""
         box, count = self.packed.box.copy(), self._n + len(self.active_rows)
         box[:, 0, :count], box[:, 1, :count] = -np.inf, np.inf
-        unlimited = self.packed._replace(box=box)
-        points = self.point, solved(unlimited)
+        points = self.point, solved(self.packed._replace(box=box))
         limited, best = (norm(self.packed.level_residual(level, point.x)) for point in points)
         return bool(limited > (1.0 + ACCURACY) * best)
 
@@ -136,10 +128,9 @@ class HierarchySolution:
     def describe(self, at_limits: Sequence[str] | None) -> str:
         """Describe the solution; `at_limits` names what is at a limit, else numbers are given."""
         actuators = self.hierarchy.specs.survivors.actuators.tolist()
-        rows = range(len(self.active_rows))
         limits = [
             *_at_limits("actuator", actuators, self.active_limits),
-            *_at_limits("row", list(rows), self.active_rows),
+            *_at_limits("row", list(range(len(self.active_rows))), self.active_rows),
         ]
         if at_limits is not None:
             limits = [f"At a limit: {', '.join(at_limits)}."] if at_limits else []
@@ -230,10 +221,8 @@ class Hierarchy:
         """
         specs, limiting, bounds = self._specs_of(kinematics), self.limiting, self.bounds
         if rate_limits is not None or rate_rows is not None or specs is not self.specs:
-            new_bounds = (rate_limits, rate_rows)
-            bounds = Bounds(
-                *(old if new is None else new for new, old in zip(new_bounds, bounds, strict=True))
-            )
+            pairs = zip((rate_limits, rate_rows), bounds, strict=True)
+            bounds = Bounds(*(old if new is None else new for new, old in pairs))
             limiting, bounds = bounds.of(kinematics._survivors), bounds.copied()
         return _at(kinematics, specs, limiting, bounds)
 
@@ -258,9 +247,7 @@ class Hierarchy:
             targets_of(f"targets[{k}]", level, target)
             for k, (level, target) in enumerate(zip(levels, targets, strict=True))
         )
-        warm = None
-        if start is not None:
-            warm = check.instance("start", start, HierarchySolution).point
+        warm = None if start is None else check.instance("start", start, HierarchySolution).point
         return self._solved(checked_targets, warm)
 
     def tick(self, kinematics: "Kinematics") -> Tick | None:
@@ -279,9 +266,8 @@ class Hierarchy:
 
     def undamped(self, targets: CheckedTargets) -> HierarchySolution:
         """Return the solution without damping for checked targets."""
-        return replace(self, damping=(0.0,) * len(self.damping), damping_rows=())._solved(
-            targets, None
-        )
+        undamped = replace(self, damping=(0.0,) * len(self.damping), damping_rows=())
+        return undamped._solved(targets, None)
 
     def _solved(self, targets: CheckedTargets, start: Point | None) -> HierarchySolution:
         blocks = map(_block, self.specs.levels, self._rows, targets)
@@ -315,9 +301,8 @@ class Hierarchy:
             ]
         intervals = [parts[0].interval for parts in self.specs.levels]
         if not any(self.damping) or not (self.limiting.rows or any(intervals)):
-            return [
-                (*rows, damping) for rows, damping in zip(weighted_rows, self.damping, strict=True)
-            ]
+            pairs = zip(weighted_rows, self.damping, strict=True)
+            return [(*rows, damping) for rows, damping in pairs]
         levels = [Level(self.constraint, none((len(self.constraint), 1)), norm(self.constraint))]
         specs = zip(intervals, weighted_rows, self.damping, strict=True)
         for is_interval, (A, size), damping in specs:

@@ -170,6 +170,5 @@ class Bounds(NamedTuple):
 
     def copied(self) -> "Bounds":
         """Return a copy of checked limits."""
-        return Bounds(
-            *(None if value is None else tuple(map(check.frozen, value)) for value in self)
-        )
+        copies = (None if value is None else tuple(map(check.frozen, value)) for value in self)
+        return Bounds(*copies)

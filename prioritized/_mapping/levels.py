@@ -43,8 +43,7 @@ def lexicographic(levels: Sequence[Level], tolerance: float) -> tuple[Array, lis
         if level.A.shape[-2] == 0:
             continue
         # The step has least norm: in the range of `free`, orthogonal to the remaining null space.
-        step = free @ svd.pseudo_inverse(level.damping)
-        X = X + step @ (level.target - level.A @ X)
+        X = X + free @ svd.pseudo_inverse(level.damping) @ (level.target - level.A @ X)
         free = free @ svd.null_projector()
     return X, decisions
 

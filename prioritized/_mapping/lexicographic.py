@@ -97,9 +97,8 @@ class Solution:
 
     @cached_property
     def _residuals(self) -> tuple[Array, ...]:
-        return tuple(
-            np.split(read_only(self.packed.residual(self.point.x))[0], self.packed.ends[:-1])
-        )
+        residual = read_only(self.packed.residual(self.point.x))[0]
+        return tuple(np.split(residual, self.packed.ends[:-1]))
 
 
 def lexicographic_least_squares(
@@ -160,16 +159,13 @@ def lexicographic_least_squares(
     blocks = [_block(k, level, n) for k, level in enumerate(levels)]
     box = _between("lower and upper", lower, upper, n)
     hard = _hard_rows(rows, rows_lower, rows_upper, n)
-    ties = (
-        []
-        if tie_metric is None
-        else [check.array("tie_metric", check.weight("tie_metric", tie_metric, n), None, n)]
-    )
-    last = [_equations(T, np.zeros(len(T))) for T in ties]
+    last = []
+    if tie_metric is not None:
+        T = check.array("tie_metric", check.weight("tie_metric", tie_metric, n), None, n)
+        last = [_equations(T, np.zeros(len(T)))]
     packed = pack([*hard, *blocks, *last], box, tolerance)
     hard_rows = sum(len(block.G) for block in hard)
-    point = solved(packed, warm, most_steps)
-    return Solution(n, hard_rows, len(levels), packed, point)
+    return Solution(n, hard_rows, len(levels), packed, solved(packed, warm, most_steps))
 
 
 def _of_plain_arrays(
@@ -195,16 +191,12 @@ def _of_plain_arrays(
             return None
         matrices += A, b
         counts.append(rows)
-    none = limits("", None, n)
-    box = plain_limits(
-        (none[0] if lower is None else lower, none[1] if upper is None else upper), n
-    )
+    low, high = limits("", None, n)
+    box = plain_limits((low if lower is None else lower, high if upper is None else upper), n)
     if box is None:
         return None
-    A, b = (
-        np.ascontiguousarray(np.concatenate(matrices[::2]))[None],
-        np.concatenate(matrices[1::2])[None],
-    )
+    A = np.ascontiguousarray(np.concatenate(matrices[::2]))[None]
+    b = np.concatenate(matrices[1::2])[None]
     packed = Packed(A, b, ends_of(*counts), None, tolerance, box[None], n)
     point = solve(packed, start)
     return None if point.is_invalid else Solution(n, 0, len(counts), packed, point)
@@ -225,9 +217,8 @@ def _hard_rows(
 
 def _between(names: str, lower: ArrayLike | None, upper: ArrayLike | None, n: int) -> Limits:
     """Return limits given as two arguments; None is infinite."""
-    return limits(
-        names, (-np.inf if lower is None else lower, np.inf if upper is None else upper), n
-    )
+    both = -np.inf if lower is None else lower, np.inf if upper is None else upper
+    return limits(names, both, n)
 
 
 def _parts(k: int, level: Level) -> Level:

@@ -112,17 +112,14 @@ class Plain:
                 target = target.dot(self.metric.T)
             targets.append(target)
         x, limits = np.empty((*lead, sizes[1])), None if box is None else np.asarray(box)
-        outputs = (
-            ffi.NULL if workspace <= lib.OWN_ROOM else pointer(np.empty(workspace)),
-            pointer(x),
-        )
+        room = ffi.NULL if workspace <= lib.OWN_ROOM else pointer(np.empty(workspace))
         try:
             inputs = [_or_none(target) for target in (*targets, limits)]
         except ValueError:  # not contiguous, which is rare
             inputs = [
                 _or_none(None if A is None else np.array(A, order="C")) for A in (*targets, limits)
             ]
-        code = lib.problem1_solve(problem.pointer, *first, *inputs, *outputs)
+        code = lib.problem1_solve(problem.pointer, *first, *inputs, room, pointer(x))
         if code == lib.PROBLEM1_REFUSED:
             for name, value, size in zip(NAMES, values, sizes, strict=True):
                 if value is not None:

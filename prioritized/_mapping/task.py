@@ -55,9 +55,8 @@ class Status(Enum):
 
 def status_of(conditions: Mapping[Status, Callable[[], object]], otherwise: Status) -> Status:
     """Return the first status, in the order of the class, whose condition holds."""
-    return next(
-        (status for status in Status if status in conditions and conditions[status]()), otherwise
-    )
+    holding = (status for status in Status if status in conditions and conditions[status]())
+    return next(holding, otherwise)
 
 
 def task_selection(

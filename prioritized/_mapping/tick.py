@@ -64,19 +64,16 @@ class TickData(NamedTuple):
         """Return the data as a struct for :data:`kernels.lib` and J_C (c, N)."""
         _, _, of, (error_C, error_T, threshold), (rows_T, rows_C, velocities) = self
         m, (k, n), t = of.S.shape[1], of.R.shape, of.T.shape[1]
-        sizes = {
-            "m": m,
-            "c": c,
-            "N": N,
-            "t": t,
-            "p": len(self.order) - n,
-            "n": n,
-            "k": k,
-            "d": len(of.D),
-        }
         return Struct(
             "tick_plan",
-            **sizes,
+            m=m,
+            c=c,
+            N=N,
+            t=t,
+            p=len(self.order) - n,
+            n=n,
+            k=k,
+            d=len(of.D),
             levels=len(of.ends),
             e=of.norm_rows,
             idles=len(self.stationary),
@@ -131,11 +128,8 @@ class TickLevels(NamedTuple):
     def of(cls, specs: LevelSpecs) -> "TickLevels":
         """Convert the specification of the levels."""
         level_rows, levels, ties = specs.level_rows, specs.levels, specs.ties.A
-        S, R, T = (
-            level_rows.split(level_rows.on_task),
-            level_rows.split(level_rows.on_rates),
-            _target_matrices(specs),
-        )
+        targets = block_diag(*(part.matrix for level in levels for part in level))
+        S, R, T = map(level_rows.split, (level_rows.on_task, level_rows.on_rates, targets))
         damping, weight, rate_targets, D, norm_rows = list(specs.damping), None, [], [], 0
         none_of_task, is_norm = none((len(ties), S[0].shape[1])), R[-1].any(axis=1)
         diagonal = _diagonal(R[-1][is_norm]) if level_rows.rates_last and not damping[-1] else None
@@ -169,12 +163,6 @@ class TickLevels(NamedTuple):
             sizes=np.array([*map(largest, S), largest(np.concatenate(directions))]),
             on_rates=np.array([_CLEAR * norm(rows) for rows in R]),
         )
-
-
-def _target_matrices(specs: LevelSpecs) -> list[Array]:
-    """Return the targets of the weighted rows of each level, per target, (., t)."""
-    whole = block_diag(*(part.matrix for level in specs.levels for part in level))
-    return specs.level_rows.split(whole)
 
 
 def _diagonal(rows: Array) -> Array | None:
@@ -292,11 +280,8 @@ class Tick(ReadOnly):
             error_bound: Bound of the errors of J_T and J_C, as of
                 :class:`prioritized._mechanism.geometry.Accuracy`.
         """
-        arguments, is_invalid, velocities = (
-            (J_T, J_C, targets, velocity_limits, error_bound),
-            True,
-            None,
-        )
+        arguments = J_T, J_C, targets, velocity_limits, error_bound
+        is_invalid, velocities = True, None
         is_pair = type(velocity_limits) is tuple and type(error_bound) is float
         arrays = (J_T, J_C, targets, *velocity_limits) if is_pair else ()
         if is_pair and all(type(A) is np.ndarray for A in arrays):

@@ -58,14 +58,9 @@ class VelocityMapping:
 
     @staticmethod
     def _of_plain(
-        plain: Plain,
-        directions: tuple[Array, Array],
-        limiting: Limiting | None,
+        plain: Plain, directions: tuple[Array, Array], limiting: Limiting | None
     ) -> "VelocityMapping":
-        """Return the mapping of one J with diagonal weights.
-
-        `directions` are those of the major and of the secondary task.
-        """
+        """Return the mapping of one J, diagonal weights, major and secondary directions."""
         mapping = object.__new__(VelocityMapping)
         parts = {"_damping": 0.0, "_limiting": limiting, "_kinematics": None}
         vars(mapping).update(parts, _directions=directions, _plain=plain)
@@ -320,10 +315,12 @@ class VelocityMapping:
         return Limiting(box) if self._limiting is None else self._limiting._replace(box=box)
 
     def __str__(self) -> str:
-        gain = float(self.largest_gain.max(initial=0.0))
+        gain, uncertainty = float(self.largest_gain.max(initial=0.0)), 0.0
+        if self._kinematics is not None:
+            uncertainty = self._kinematics._reduced.major(self._directions[0]).gain_uncertainty
         sentences = (
             as_sentence(self.status.value),
-            *uncertainty_sentences(gain, self._gain_uncertainty),
+            *uncertainty_sentences(gain, uncertainty),
             *servo_sentences(self.amplification),
             *length_sentences(self.characteristic_length),
             *closure_sentences(self.closure_condition),
@@ -398,16 +395,6 @@ class VelocityMapping:
         return read_only(np.asarray(largest(J / units[:, None]) * gain))
 
     @property
-    def _gain_uncertainty(self) -> float:
-        """Relative error of the largest gain due to the accuracy of the geometry.
-
-        Zero for a J given as a matrix, and if part of the major task is unreachable.
-        """
-        if self._kinematics is None:
-            return 0.0
-        return self._kinematics._reduced.major(self._directions[0]).gain_uncertainty
-
-    @property
     def closure_condition(self) -> float:
         """As :attr:`Manipulability.closure_condition`; 1 for a J given as a matrix."""
         return 1.0 if self._kinematics is None else self._kinematics.closure_condition
@@ -441,8 +428,7 @@ class VelocityMapping:
         S_m, Q, tolerance = self._problem.S_m, self._problem.self_motion, self._problem.tolerance
         if self._kinematics is not None:
             return self._kinematics._reduced.determines(self._directions[0])
-        moved = ranked_svd(S_m @ Q, largest(S_m) * basis_scale(Q), tolerance)
-        return not np.any(moved.rank > 0)
+        return not np.any(ranked_svd(S_m @ Q, largest(S_m) * basis_scale(Q), tolerance).rank > 0)
 
     @cached_property
     def _solution(self) -> tuple[Array, list[RankedSvd]]:

@@ -145,10 +145,7 @@ def of_plain_arrays(
     ):
         return None
     directions, S, struct = selected
-    weights = (
-        (None if joint_weight is None else w1.copy()),
-        (None if secondary_weight is None else w2.copy()),
-    )
+    weights = w1.copy() if has[1] else None, w2.copy() if has[2] else None
     sizes = None if scale is None else np.array([size])
     m1 = len(directions[0])
     plain = Plain(J.copy(), S, m1, weights, None, sizes, rank_tolerance, shape=struct)
@@ -161,23 +158,18 @@ def of_plain_arrays(
 # typed: row 1 is not True
 @lru_cache(maxsize=1024, typed=True)
 def _selected(
-    shape: tuple[int, ...],
-    has: tuple[float, bool, bool],
-    p: int,
-    complement: bool,
-    *rows: Any,
+    shape: tuple[int, ...], has: tuple[float, bool, bool], p: int, complement: bool, *rows: Any
 ) -> tuple[tuple[Array, Array], Array, tuple[Struct, int]] | None:
     """Return both tasks, all directions, and the kernel's description of the problem.
 
     `has` is the rank tolerance, and whether rates and secondary task have weights. `rows` are those
     of both tasks, the first p of the major one; `complement` adds all other rows.
     """
-    (tolerance, *weights), major = has, rows[:p]
+    tolerance, has_rates, has_secondary = has
     if not (len(shape) == 2 and 0.0 < tolerance < 1.0 and are_rows(rows)):
         return None
-    S_m, S_s = task_selection(major, None if complement else rows[p:], shape[0])
+    S_m, S_s = task_selection(rows[:p], None if complement else rows[p:], shape[0])
     S = check.frozen(np.concatenate([S_m, S_s]))
-    has_rates, has_secondary = weights
     struct = shape_of(S, len(S_m), shape[1], (has_rates, has_secondary), tolerance)
     return (S_m, S_s), S, struct
 

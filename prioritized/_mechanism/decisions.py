@@ -55,10 +55,8 @@ class MajorTask:
         S, error, task = self._major, self.task.self_motion_error, self.task.geometry.task
         # Scaled by the 2-norm, so that with every row major it is the decision on the whole task.
         rows = np.maximum(frobenius(task[S.any(axis=0)]), LEAST_ROWS * self.task.geometry.size)
-        size = largest(S) * rows
-        return self.task.decide(
-            S @ self.task.self_motion_task, size, None if error is None else np.abs(S) @ error
-        )
+        error = None if error is None else np.abs(S) @ error
+        return self.task.decide(S @ self.task.self_motion_task, largest(S) * rows, error)
 
     @cached_property
     def moved_secondary(self) -> RankedSvd:
@@ -118,13 +116,11 @@ class MajorTask:
 
     @cached_property
     def _major(self) -> Array:
-        units = self.task.task_units
-        return self.S_m * units / self.major_units[:, None]
+        return self.S_m * self.task.task_units / self.major_units[:, None]
 
     @cached_property
     def _secondary(self) -> Array:
-        units = self.task.task_units
-        return self.S_s * units / self.secondary_units[:, None]
+        return self.S_s * self.task.task_units / self.secondary_units[:, None]
 
 
 def separating_scale(
@@ -144,7 +140,6 @@ def respanned(columns: Array, factors: Array) -> Array:
     """Return an orthonormal basis of columns with scaled rows, (..., k, .); zero ones stay."""
     if not columns.size or (factors == factors[0]).all():
         return columns
-    moved = factors[:, None] * columns
-    U, sigma, _ = np.linalg.svd(moved, full_matrices=False)
+    U, sigma, _ = np.linalg.svd(factors[:, None] * columns, full_matrices=False)
     count = (np.linalg.norm(columns, axis=-2) > 0.5).sum(axis=-1)
     return U * (np.arange(sigma.shape[-1]) < count[..., None])[..., None, :]

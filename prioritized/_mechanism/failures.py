@@ -26,9 +26,8 @@ class Failures:
     ) -> "Failures":
         """Return the union with further failures; a later lock overrides free."""
         now_locked = self.locked | locked
-        return Failures(
-            now_locked, (self.free | free) - now_locked, self.locked_passive | locked_passive
-        )
+        now_stuck = self.locked_passive | locked_passive
+        return Failures(now_locked, (self.free | free) - now_locked, now_stuck)
 
     def describe(self, actuators: Aliases, velocities: Aliases) -> str:
         """Return the failures as text: "knee locked, hip free", or "healthy"."""

@@ -11,9 +11,8 @@ from argument_checks.ties import ACCURACY
 def units_of(S: Array, units: Array) -> Array:
     """Return natural units (k,) of directions S (k, m): norm of their rows' units per unit norm."""
     sizes = np.sqrt((S**2).sum(axis=1))
-    return np.sqrt(((S * units) ** 2).sum(axis=1)) / np.where(sizes > 0.0, sizes, 1.0) + (
-        sizes == 0.0
-    )
+    with_units = np.sqrt(((S * units) ** 2).sum(axis=1))
+    return with_units / np.where(sizes > 0.0, sizes, 1.0) + (sizes == 0.0)
 
 
 def metric_of(units: Array) -> Array | None:

@@ -163,8 +163,7 @@ class Reduced:
         The units are those of `measured`. With this scale :data:`RANK_TOLERANCE` reproduces the
         decisions, for v_m measured with a metric (k, m1).
         """
-        task = self.major(S_m, S_s)
-        J, scale = task.truncated(self.J, self.scale, self.constraint, metric)
+        J, scale = self.major(S_m, S_s).truncated(self.J, self.scale, self.constraint, metric)
         return self._in_rates(J, float(scale))
 
     def _in_rates(self, J: Array, scale: float) -> tuple[Array, float]:

@@ -35,5 +35,4 @@ def _spring_load(system: Partition, motion: PassiveMotion, locked: Indices) -> A
     moving, stiffness = system.joints.moving, system.stiffness
     if stiffness is None:
         return np.zeros((len(locked), len(system.J_T)))
-    stretch = motion.compliance @ system.J_T[:, moving].T
-    return stiffness[np.ix_(locked, moving)] @ stretch
+    return stiffness[np.ix_(locked, moving)] @ (motion.compliance @ system.J_T[:, moving].T)

@@ -108,9 +108,8 @@ class TaskMotion:
     def start(self) -> "RemainingMotion":
         """Remaining motion before any step: all admissible rates."""
         nothing = np.zeros((*self.velocities.shape[:-2], len(self.actuated), 0))
-        return RemainingMotion(
-            self.admissible, nothing, None if self.error is None else transposed(nothing)
-        )
+        error = None if self.error is None else transposed(nothing)
+        return RemainingMotion(self.admissible, nothing, error)
 
     def step(self, S: Array) -> "Step":
         """Return the rows S J, S (k, m) in natural units."""
@@ -190,9 +189,8 @@ class RemainingMotion(NamedTuple):
         None if the part is round-off. A are rows for the solvers; with badly conditioned loops
         their zero directions differ from those of the rows whose rank was decided.
         """
-        is_more = (~decision.significant & (decision.sigma > decision.round_off)).any(
-            axis=-1, keepdims=True
-        )
+        is_dropped = ~decision.significant & (decision.sigma > decision.round_off)
+        is_more = is_dropped.any(axis=-1, keepdims=True)
         if not is_more.any():
             return None
         U, sigma, Vt = np.linalg.svd(A @ self.free, full_matrices=False)

@@ -1,6 +1,5 @@
 """Operations on batches of matrices and vectors."""
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -29,15 +28,6 @@ def product(A: Array, B: Array) -> Array:
 def transposed(A: Array) -> Array:
     """Return the transpose of each matrix of a batch."""
     return np.swapaxes(A, -1, -2)
-
-
-def respond(gains: Sequence[Array], required: str, **inputs: ArrayLike | None) -> Array:
-    """Return the sum of each gain (..., i, j) times its input (..., j); None counts as zero."""
-    total = np.zeros(gains[0].shape[-2])
-    for gain, (name, value) in zip(gains, inputs.items(), strict=True):
-        if value is not None or name == required:
-            total = total + apply(gain, name, value)
-    return total
 
 
 def apply(gain: Array, name: str, value: ArrayLike | None) -> Array:

@@ -88,8 +88,7 @@ class Packed(NamedTuple):
 
     def level_residual(self, k: int, x: Array) -> Array:
         """Return the residual of one level, (B, .)."""
-        first = self.ends[k - 1] if k else 0
-        return self.residual(x)[:, first : self.ends[k]]
+        return self.residual(x)[:, self.ends[k - 1] if k else 0 : self.ends[k]]
 
     def is_violated(self, levels: slice, x: Array) -> Mask:
         """Return whether the residual of these levels exceeds round-off, (B,)."""

@@ -90,9 +90,8 @@ class RankedSvd:
     def null_projector(self) -> Array:
         """Return the orthogonal projector onto the null space of A, shape (..., n, n)."""
         Vt = self.Vt[..., : self.sigma.shape[-1], :]
-        return (
-            np.eye(Vt.shape[-1]) - (np.swapaxes(Vt, -1, -2) * self.significant[..., None, :]) @ Vt
-        )
+        V = np.swapaxes(Vt, -1, -2) * self.significant[..., None, :]
+        return np.eye(Vt.shape[-1]) - V @ Vt
 
 
 def norm(A: Array) -> float:

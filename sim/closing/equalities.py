@@ -27,9 +27,8 @@ _ROWS = {_CONNECT: 3, _WELD: 6}
 """Number of rows of an equality; other kinds have one."""
 _TORQUE_SCALE = 10
 """Index of the torquescale in a weld's `eq_data`."""
-_WITHOUT_CLOSURES = int(mujoco.mjtDisableBit.mjDSBL_EQUALITY) | int(
-    mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-)
+_DISABLE = mujoco.mjtDisableBit
+_WITHOUT_CLOSURES = int(_DISABLE.mjDSBL_EQUALITY) | int(_DISABLE.mjDSBL_CONSTRAINT)
 
 
 def check_closures(
@@ -257,9 +256,8 @@ def constraint_rows(
     if not mujoco.mj_isSparse(model):
         return data.efc_J[: data.nefc * model.nv].reshape(-1, model.nv)[which]
     filled, first = data.efc_J_rownnz[which], data.efc_J_rowadr[which]
-    mujoco.mju_sparse2dense(
-        rows := np.zeros((len(filled), model.nv)), data.efc_J, filled, first, data.efc_J_colind
-    )
+    rows = np.zeros((len(filled), model.nv))
+    mujoco.mju_sparse2dense(rows, data.efc_J, filled, first, data.efc_J_colind)
     return rows
 
 

@@ -96,15 +96,13 @@ class Loops:
         """Return all gaps (c,) in their units; raise a ModelError if one is not finite."""
         self._wake(data)
         self.closures.largest_gap(data)  # raises if one is not finite
-        every = np.append(self.closures.gaps(data), self.fixed.gaps(data))
-        return every / self.row_units
+        return np.append(self.closures.gaps(data), self.fixed.gaps(data)) / self.row_units
 
     def rows(self, data: mujoco.MjData) -> Array:
         """Return the gradients of the gaps in their units, (c, nv)."""
         self._wake(data)
         of_closures = self.closures.units[:, None] * self.closures.rows(self.model, data)
-        rows = np.vstack([of_closures, self.fixed.rows(self.model, data)])
-        return rows / self.row_units[:, None]
+        return np.vstack([of_closures, self.fixed.rows(self.model, data)]) / self.row_units[:, None]
 
     def closable(self, rows: Array) -> Array:
         """Return the combinations (r, c) of gaps that motion can close, at the model's accuracy."""
@@ -143,8 +141,7 @@ def close(data: mujoco.MjData, loops: Loops) -> None:
         remaining = gaps - closing.T @ closable
         # Compared in the units of the rows: even a small gap is closed if motion can close it.
         if np.abs(gaps - remaining).max(initial=0.0) < CLOSED <= np.abs(remaining).max(initial=0.0):
-            stated = loops.accuracy
-            inexact = written_accuracy(loops.model) if stated is None else stated
+            inexact = written_accuracy(loops.model) if loops.accuracy is None else loops.accuracy
             size = np.linalg.norm(rows * loops.velocity_units)
             if np.abs(gaps).max() < _MARGIN * inexact * size:
                 return

@@ -137,8 +137,7 @@ class Distances:
         for row, (k, distance, fromto) in zip(rows, near, strict=True):
             pair = self.geom_pairs[k]
             for jacobian, geom, point in zip(jacobians, pair, fromto.reshape(2, 3), strict=True):
-                body = self.model.geom_bodyid[geom]
-                mujoco.mj_jac(self.model, data, jacobian, None, point, body)
+                mujoco.mj_jac(self.model, data, jacobian, None, point, self.model.geom_bodyid[geom])
             normal = self._normal(data, pair, distance, fromto)
             np.matmul(normal, jacobians[1] - jacobians[0], out=row)
         distance_m = np.array([distance for _, distance, _ in near], dtype=float)
@@ -180,9 +179,7 @@ class Distances:
         return self.largest_fraction(data, lambda fraction: [(velocity, fraction * dt)])
 
     def largest_fraction(
-        self,
-        data: mujoco.MjData,
-        steps: Callable[[float], Iterable[tuple[Array, float]] | None],
+        self, data: mujoco.MjData, steps: Callable[[float], Iterable[tuple[Array, float]] | None]
     ) -> float:
         """Return the largest of :data:`FRACTIONS` for which all given steps end at safe distances.
 

@@ -41,9 +41,8 @@ class Observed:
         }
         self.frame, self.base = frame, base
         self.origin_m, nominal = frame.position_m(data).copy(), np.zeros(len(drives))
-        self.constants = {
-            name: np.array(values, dtype=np.intp) for name, values in numbers.items()
-        } | {
+        indices = {name: np.array(values, dtype=np.intp) for name, values in numbers.items()}
+        self.constants = indices | {
             "drives": len(drives),
             "at_joints": len(joints),
             "gear": np.array([drives[n].gear[0] for n in others]),

@@ -113,9 +113,8 @@ def target_pose(name: str, target: Target) -> Pose | Array:
         unit = quat_wxyz / largest  # otherwise squares of small numbers underflow
         return Pose(Rotation.from_quat(unit, scalar_first=True).as_matrix(), position_m)
     given: Any = target  # scipy has no type stubs
-    A = check.array(
-        name, given.as_matrix() if isinstance(given, RigidTransform) else given, copy=True
-    )
+    matrix = given.as_matrix() if isinstance(given, RigidTransform) else given
+    A = check.array(name, matrix, copy=True)
     if A.ndim == 1:
         return check.frozen(check.array(name, A, 3))
     if A.shape != (4, 4):

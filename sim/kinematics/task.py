@@ -389,10 +389,7 @@ def pose_error(
 
 
 def _motions(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    site: Task | Sequence[Task],
-    axes: str | None,
+    model: mujoco.MjModel, data: mujoco.MjData, site: Task | Sequence[Task], axes: str | None
 ) -> tuple[Located | None, list[Motion]]:
     """Look up axes and tasks, which must be frames or centres of mass, and update a state."""
     check_state(model, data)

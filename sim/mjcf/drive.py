@@ -129,9 +129,8 @@ def force_limits(model: mujoco.MjModel, actuator: int) -> tuple[float, float]:
     if not model.actuator_forcelimited[actuator]:
         return -np.inf, np.inf
     least, most = model.actuator_forcerange[actuator].tolist()
-    return (
-        -most if model.actuator_outnum[actuator] > 1 else least
-    ), most  # limits the norm of several
+    # Of several outputs the norm is limited.
+    return -most if model.actuator_outnum[actuator] > 1 else least, most
 
 
 def _force_range(model: mujoco.MjModel, actuator: int) -> Array:
@@ -248,9 +247,8 @@ def drive_rows(model: mujoco.MjModel, data: mujoco.MjData, some: Sequence[Drive]
 def moments_of(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """Return the moment arms of all actuator outputs, (nout, nv), as they are in `data`."""
     moments = np.zeros((model.nout, model.nv))
-    mujoco.mju_sparse2dense(
-        moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-    )
+    places = data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    mujoco.mju_sparse2dense(moments, data.actuator_moment, *places)
     return moments
 
 

@@ -54,8 +54,7 @@ def within(limited: Array, bounds: Array) -> Array:
 
 def joint_positions(model: mujoco.MjModel, qpos: Array) -> Array:
     """Return the joint position of each velocity, (nv,); zero for ball and free joints."""
-    positions = np.where(one_axis(model), qpos[model.jnt_qposadr], 0.0)
-    return positions[model.dof_jntid]
+    return np.where(one_axis(model), qpos[model.jnt_qposadr], 0.0)[model.dof_jntid]
 
 
 def one_axis(model: mujoco.MjModel) -> Array:

@@ -46,9 +46,8 @@ def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
         return getattr(model, kind)(check.instance("name", name, str)).id
     except KeyError:
         names = names_of_kind(model, kind)
-        near = "".join(
-            f'; did you mean "{match}"?' for match in get_close_matches(name, names, n=1)
-        )
+        matches = get_close_matches(name, names, n=1)
+        near = "".join(f'; did you mean "{match}"?' for match in matches)
         message = f'the model has no {kind} named "{name}"; it has: {listed(names)}{near}'
         raise ModelError(message) from None
 

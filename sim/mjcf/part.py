@@ -107,8 +107,7 @@ def tendon_bodies(model: mujoco.MjModel, tendon: int) -> Bodies:
 def equality_bodies(model: mujoco.MjModel, equality: int) -> Bodies:
     """Return the bodies with joints that an equality couples."""
     kind = _EQ(model.eq_type[equality])
-    both = model.eq_obj1id[equality], model.eq_obj2id[equality]
-    ends = [int(end) for end in both if end >= 0]
+    ends = [int(end) for end in (model.eq_obj1id[equality], model.eq_obj2id[equality]) if end >= 0]
     if kind in (_EQ.mjEQ_CONNECT, _EQ.mjEQ_WELD):
         sites = model.eq_objtype[equality] == mujoco.mjtObj.mjOBJ_SITE
         return _between(model, model.site_bodyid[ends].tolist() if sites else ends)

@@ -214,9 +214,7 @@ class Bench:
         self.plant, self.sensors, self._drives = plant, sensors, drives
         hooks = (None, None, None) if events is None else hooks_of(events)
         self._on_plant, self._on_measured, self._on_sent = hooks
-        delay = min(
-            check.integer("delay_ticks", delay_ticks), ticks
-        )  # a longer one has the same effect
+        delay = min(check.integer("delay_ticks", delay_ticks), ticks)  # a longer one: the same
         self._pending = deque([plant.command] * delay)
         self._hysteresis, self.reading_error = hysteresis, None
         self._stretch = np.zeros((1, 1) if hysteresis is None else hysteresis.slip.shape)

@@ -26,10 +26,8 @@ motion's largest joint speed at which a joint is listed as moving."""
 _REDUNDANT = 1e-9
 """Relative singular value below which constraints are redundant: loops close to 1e-10."""
 
-_FRICTION = (
-    int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF),
-    int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON),
-)
+_CONSTRAINT = mujoco.mjtConstraint
+_FRICTION = int(_CONSTRAINT.mjCNSTR_FRICTION_DOF), int(_CONSTRAINT.mjCNSTR_FRICTION_TENDON)
 _STIFFNESS = 1 / (0.95 * 0.02) ** 2
 """Stiffness of MuJoCo's default `solref`, 20 ms critically damped, [1/s^2]."""
 _SOFT = 0.1
@@ -132,10 +130,7 @@ class LinearPlant:
 
 
 def linearize(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    site: Task = "payload",
-    axes: str | None = "base",
+    model: mujoco.MjModel, data: mujoco.MjData, site: Task = "payload", axes: str | None = "base"
 ) -> LinearPlant:
     """Return the linear model at rest in `data`, with its locks, disabled actuators and loads.
 
@@ -308,10 +303,9 @@ class NonlinearityMonitor:
     def __init__(self, model: mujoco.MjModel, part: Part | None = None) -> None:
         """Take the plant's model and the part of it to monitor; None is the whole model."""
         self.sentences, self._part = dict[str, None](), part
-        drives_of_part = drives(model, among=None if part is None else part.actuators)
         self._forces = [
             (k, out, drive.name)
-            for drive in drives_of_part
+            for drive in drives(model, among=None if part is None else part.actuators)
             for k, out in zip(drive.ids, drive.outputs, strict=True)
         ]
 

@@ -125,10 +125,8 @@ class Plant:
         self._observed = Observed(self.model, self.data, self.drives, frame, axes)
         self._observer = Observer(self._observed, self.data)
         self._limits = actuators.rest_limits(self.model, self.data, self.drives, self._commands)
-        self._gravity, self._initially_active = (
-            self.model.opt.gravity.copy(),
-            self.data.eq_active.copy(),
-        )
+        self._gravity = self.model.opt.gravity.copy()
+        self._initially_active = self.data.eq_active.copy()
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without views of :attr:`data`, which a copy must renew."""
@@ -237,8 +235,7 @@ class Plant:
         """Apply forces (n,), [N] or [N m], along the actuators' velocities from now on."""
         force = check.array("force", force, len(self.drives))
         if self._velocities is None:
-            rows = drive_rows(self.model, self.data, self.drives)
-            self.data.qfrc_applied[:] = rows.T.dot(force)
+            self.data.qfrc_applied[:] = drive_rows(self.model, self.data, self.drives).T.dot(force)
         else:
             self.data.qfrc_applied[:] = 0.0
             self.data.qfrc_applied[self._velocities] = force

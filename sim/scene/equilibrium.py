@@ -59,9 +59,8 @@ def settled(part: Part, start: mujoco.MjData) -> mujoco.MjData:
             raise ModelError(_diverges(model))
         other_speed = np.abs(data.qvel[part.other_velocities]).max(initial=0.0)
         speed = np.abs(data.qvel[mine])
-        rests = speed.max(initial=0.0) < SLOW and (
-            other_speed < SLOW_OTHERS or data.time > _OTHERS_S
-        )
+        others_rest = other_speed < SLOW_OTHERS or data.time > _OTHERS_S
+        rests = speed.max(initial=0.0) < SLOW and others_rest
     if (speed := np.abs(data.qvel[mine])).max(initial=0.0) > _MOVES:
         joint = int(model.dof_jntid[mine[greatest(speed)]])
         raise ModelError(
@@ -116,9 +115,8 @@ def stand(
     again. Positions in `data` are up to date.
     """
     frames = [located(model, "pinned", pin.frame) for pin in pins]
-    by_number = {
-        body.id: body for body in spec.bodies
-    }  # bodies lose their numbers when the specification changes
+    # Bodies lose their numbers when the specification changes.
+    by_number = {body.id: body for body in spec.bodies}
     for k, (pin, frame) in enumerate(zip(pins, frames, strict=True)):
         there, here = f"pinned{k}_in_the_world", f"pinned{k}"
         quat_wxyz = np.empty(4)

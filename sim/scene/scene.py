@@ -98,8 +98,7 @@ def robot_scene(
         called = frame.name if isinstance(frame, Body) else frame
         raise ModelError(f"no actuator moves {called}: choose a frame on the robot")
     if servo_hz is not None:
-        used = part.actuators
-        model = servoed(model, natural_frequency_hz=servo_hz, data=start, among=used)
+        model = servoed(model, natural_frequency_hz=servo_hz, data=start, among=part.actuators)
         part = replace(part, model=model)
     is_balanced = settle and is_in_equilibrium(part, start)
     balanced = not part.other_bodies and (not settle or (is_balanced and not pinned))
@@ -196,8 +195,7 @@ def _check_balance(part: Part, start: mujoco.MjData, of: str = "") -> None:
     model = part.model
     result = balance(model, start, drives(model, among=part.actuators), part.other_velocities)
     if result.joint is not None and of in result.moves:
-        body = name_of(model.body(model.jnt_bodyid[result.joint]))
-        feet = ground_contacts(part, start) or [body]
+        feet = ground_contacts(part, start) or [name_of(model.body(model.jnt_bodyid[result.joint]))]
         raise ModelError(f"{result.moves}: fix bodies on the ground, pinned {','.join(feet)}")
 
 
@@ -258,8 +256,7 @@ def reduced(spec: mujoco.MjSpec, part: Part, data: mujoco.MjData) -> mujoco.MjMo
 def _place(body: mujoco.MjsBody, model: mujoco.MjModel, data: mujoco.MjData) -> None:
     """Set a body's pose relative to its parent to that in `data`."""
     at, above = body.id, int(model.body_parentid[body.id])
-    to_parent = data.xmat[above].reshape(3, 3).T
-    body.pos = to_parent @ (data.xpos[at] - data.xpos[above])
+    body.pos = data.xmat[above].reshape(3, 3).T @ (data.xpos[at] - data.xpos[above])
     inverse = np.empty(4)
     mujoco.mju_negQuat(inverse, data.xquat[above])
     mujoco.mju_mulQuat(inverse, inverse, data.xquat[at])

@@ -170,8 +170,7 @@ class LookAtTask(TaskFunction):
         axis, frame = np.asarray(self.axis), located(model, "frame", self.frame)
         first = np.cross(axis, np.eye(3)[least(np.abs(axis))])
         first /= np.linalg.norm(first)
-        across = np.column_stack([first, np.cross(axis, first)])
-        return LocatedLookAt(self, (frame,), axis, across)
+        return LocatedLookAt(self, (frame,), axis, np.column_stack([first, np.cross(axis, first)]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -364,8 +363,7 @@ class JointCouplingTask(TaskFunction):
         used = np.flatnonzero(row)
         bodies = {int(body) for body in model.dof_bodyid[used]}
         frames = tuple(Located(body, body, is_site=False) for body in sorted(bodies))
-        angular = (bool(turning(model)[used[0]]),)
-        return LocatedCoupling(self, row, frames, angular)
+        return LocatedCoupling(self, row, frames, (bool(turning(model)[used[0]]),))
 
 
 @dataclass(frozen=True, eq=False)
