@@ -456,12 +456,7 @@ class LimitsOf(NamedTuple):
         return limits._replace(least=least)
 
     def _of_passive(
-        self,
-        box: tuple[Array, Array],
-        passive: Array,
-        v: Array,
-        span_s: float,
-        braking: Braking,
+        self, box: tuple[Array, Array], passive: Array, v: Array, span_s: float, braking: Braking
     ) -> tuple[Array, Array]:
         """Return the box in which passive velocities can brake with the active ones."""
         step = self.acceleration[1] * braking.period_s

@@ -9,14 +9,7 @@ import rerun as rr
 
 from fjh.recording import Array
 from fjh.recording.file import rgb, time_column
-from fjh.recording.machine import (
-    FIXTURES,
-    Failing,
-    Picture,
-    load_colors,
-    log_machine,
-    stills,
-)
+from fjh.recording.machine import FIXTURES, Failing, Picture, load_colors, log_machine, stills
 from fjh.recording.motion import displacement, magnification, magnified, motion_of
 from fjh.recording.plane import Plane, log_plane
 from fjh.recording.signals import Line, Plot, Range, axis_of, log_lines, log_plot

@@ -12,14 +12,7 @@ import numpy as np
 from argument_checks.ties import greatest
 from fjh.recording import Array
 from fjh.recording.machine import Failing, stills
-from fjh.recording.motion import (
-    BODIES,
-    Mover,
-    displacement,
-    magnification,
-    motion_of,
-    mover,
-)
+from fjh.recording.motion import BODIES, Mover, displacement, magnification, motion_of, mover
 from fjh.recording.signals import Line, Plot
 from fjh.rig import Rig, Run
 from fjh.rig.run import HEALTHY

@@ -7,13 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ftc import Goal
-from prioritized import (
-    Kinematics,
-    Status,
-    VelocityMapping,
-    VelocitySolution,
-    velocity_mapping,
-)
+from prioritized import Kinematics, Status, VelocityMapping, VelocitySolution, velocity_mapping
 from sim import Array
 
 

@@ -153,13 +153,7 @@ def _static_offset(controller: PrioritizedController) -> Array | float:
 
 
 def _summarized(
-    rig: "Rig",
-    error: Array,
-    states: Array,
-    first: int,
-    stages: tuple[Stage, Stage],
-    *,
-    white: bool,
+    rig: "Rig", error: Array, states: Array, first: int, stages: tuple[Stage, Stage], *, white: bool
 ) -> Prediction:
     """Return the RMS of errors (N, m1) before and after the tick `first`, NaN beyond ranges.
 

@@ -15,14 +15,7 @@ from fjh.rig.dither import dither_of
 from fjh.rig.events import Event
 from fjh.rig.events.hooks import events_of
 from fjh.rig.mismatch import Known, Mismatch, sizes_of
-from fjh.rig.options import (
-    BOUNDS,
-    RobotOptions,
-    Sensing,
-    check_bounds,
-    pinned_of,
-    rows_of,
-)
+from fjh.rig.options import BOUNDS, RobotOptions, Sensing, check_bounds, pinned_of, rows_of
 from fjh.rig.paths import path_of
 from fjh.rig.prediction import InformedAt, Prediction, predicted
 from fjh.rig.run import Run, simulate, tick_of
