@@ -142,10 +142,8 @@ def track(
         notice(f"{failure_text(rig, failure)} may not be identified: {advised(failure)}")
 
     compares = diagnoses and bool(failures or events)
-    count, monitor = (
-        1 + compares + (controller is not None),
-        NonlinearityMonitor(rig.model, rig.part),
-    )
+    count = 1 + compares + (controller is not None)
+    monitor = NonlinearityMonitor(rig.model, rig.part)
 
     def on_tick(former: int, done: int) -> None:
         if done % 100 == 0 or done == len(desired):

@@ -50,8 +50,9 @@ class LocalServer(viser.ViserServer):
             websockets.asyncio.server.serve = serve
         if not started:  # another version of viser, which would run without the checks
             self.stop()
-            version = viser.__version__
-            raise WrongInput(f"viser {version} is not supported: pip install viser==1.1.1")
+            raise WrongInput(
+                f"viser {viser.__version__} is not supported: pip install viser==1.1.1"
+            )
         if port not in (None, self.get_port()):
             self.stop()
             raise WrongInput(
@@ -80,8 +81,7 @@ class Page:
         self.session, self._folder = Session(rig, seed), folder
         self._clicks = SimpleQueue[Callable[[], object]]()
         self._stage = Stage(server, self.session)
-        how = {"show_logo": False, "show_share_button": False, "control_width": "large"}
-        server.gui.configure_theme(**how)
+        server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         server.gui.main_panel.dock_right()
         server.gui.set_panel_label(f"fjh live: {rig.title}")
         self._panel = Panel(server, self.session, self._stage, self._do, self._save)

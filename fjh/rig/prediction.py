@@ -24,8 +24,7 @@ _PULSE_S = 3.0
 """Length of the noise impulse response, in periods of the crossover."""
 
 MARGINAL = 1 + 1e-9
-"""Largest pole radius that counts as stable: integrators that the mapping does not excite have 1.
-"""
+"""Largest pole radius that counts as stable: integrators without excitation have 1."""
 
 
 @dataclass(frozen=True)
@@ -188,9 +187,8 @@ def _noise_variance(rig: "Rig", stage: Stage) -> Array:
     pulses[range(m1), 0, range(m1)] = 1.0  # noise acts like a reference of the compensators alone
     alone = replace(stage.model, drift=np.zeros(len(stage.model.A)), dry_friction=None)
     first = Stage(alone, gain=stage.gain)
-    outputs = np.array(
-        [tick.output for tick in steps([first], rig.nominal.plant.C, rig.loops, pulses)]
-    )
+    ticks = steps([first], rig.nominal.plant.C, rig.loops, pulses)
+    outputs = np.array([tick.output for tick in ticks])
     return np.einsum("tsk,s->k", outputs**2, rig.nominal.noise**2)
 
 
