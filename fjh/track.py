@@ -159,9 +159,8 @@ def track(
         with suppress(SimulationDiverged):
             undiagnosed = rig.fly(rig.controller(), desired, on_tick=partial(on_tick, 1), **case)
     if controller is not None:
-        other, _ = simulate_with(
-            rig, controller, desired, on_tick=partial(on_tick, count - 1), **case
-        )
+        case["on_tick"] = partial(on_tick, count - 1)
+        other, _ = simulate_with(rig, controller, desired, **case)
 
     known_s, predict = reach.diagnosed_at_s(rig, run, failures), reach.predictor(rig, run, moving)
     predicted = predict(told=diagnoses)

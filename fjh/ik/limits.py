@@ -399,11 +399,9 @@ class LimitsOf(NamedTuple):
         is_coupled = self.has_rows or (
             braked and (len(kinematics.passive) > 0 or len(kinematics.active_constraint) > 0)
         )
+        sides, common = (box.lower, box.upper), (None, box.viable, period_s)
         if not is_coupled:
-            return VelocityLimits(
-                *(self, _NO_PAIRS, (box.lower, box.upper), *self.without),
-                *(None, box.viable, period_s),
-            )
+            return VelocityLimits(self, _NO_PAIRS, sides, *self.without, *common)
         ticks = float((np.abs(v) / most).max()) / period_s if braked else 0.0
         span_s = period_s * stopping_ticks(ticks + 1.0) if braked else period_s
         rows, margin, gain, pairs = self._rows(data, v, span_s)
@@ -412,9 +410,7 @@ class LimitsOf(NamedTuple):
         least = np.where(margin > 0.0, np.minimum(gain / period_s, 1.0 / span_s), gain / period_s)
         with np.errstate(invalid="ignore"):
             least = np.maximum(-least * margin, slowest)
-        limits = VelocityLimits(
-            self, pairs, (box.lower, box.upper), rows, least, None, box.viable, period_s
-        )
+        limits = VelocityLimits(self, pairs, sides, rows, least, *common)
         if not braked:
             return limits
         first = v * max(0.0, 1.0 - 1.0 / ticks) if ticks else v

@@ -69,9 +69,8 @@ class StepTest(NamedTuple):
         above = np.zeros((0, len(J)))
         levels = zip(hierarchy.specs.levels, self.targets.levels, strict=True)
         for k, (parts, level) in enumerate(levels):
-            tasks = [
-                (p.matrix, p.S, q) for p, q in zip(parts, level, strict=True) if p.S is not None
-            ]
+            pairs = zip(parts, level, strict=True)
+            tasks = [(p.matrix, p.S, q) for p, q in pairs if p.S is not None]
             if not tasks:
                 continue
             S = np.vstack([W @ S for W, S, _ in tasks])

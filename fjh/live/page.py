@@ -50,9 +50,8 @@ class LocalServer(viser.ViserServer):
             websockets.asyncio.server.serve = serve
         if not started:  # another version of viser, which would run without the checks
             self.stop()
-            raise WrongInput(
-                f"viser {viser.__version__} is not supported: pip install viser==1.1.1"
-            )
+            version = viser.__version__
+            raise WrongInput(f"viser {version} is not supported: pip install viser==1.1.1")
         if port not in (None, self.get_port()):
             self.stop()
             raise WrongInput(

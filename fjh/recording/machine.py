@@ -87,10 +87,8 @@ class Picture:
 def log_machine(recording: rr.RecordingStream, entity: str, picture: Picture) -> None:
     """Log the geoms of a machine below an entity, with their motion and the marks of failures."""
     motion, time_s, start_s = picture.motion, picture.time_s, float(picture.time_s[0])
-    model = copy.copy(
-        picture.model
-    )  # without collisions: the loader omits or duplicates their geoms
-    model.geom_contype[:] = model.geom_conaffinity[:] = 0
+    model = copy.copy(picture.model)
+    model.geom_contype[:] = model.geom_conaffinity[:] = 0  # colliding geoms are omitted or doubled
     logger = MJCFLogger(model, entity_path_prefix=entity)
     recording.set_time(TIMELINE, duration=start_s)
     logger.log_model(recording)

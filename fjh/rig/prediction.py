@@ -94,20 +94,19 @@ def predicted(
         stages.append(Stage(after, tick, gain, in_service))
         if after.floor is not None:
             pushed[tick:] = floor[tick:] @ after.floor.T
-    ticks = list(
-        steps(
-            stages,
-            rig.nominal.plant.C,
-            rig.loops,
-            (path if noise is None else path - noise) - deviation,
-            secondary=secondary,
-            disturbance=pushed if floor.any() else None,
-            limit=controller.demand_limit,
-            anti_windup=controller.anti_windup,
-            feedforward=rig.feedforward_demands(path),
-            start=x,
-        )
+    simulated = steps(
+        stages,
+        rig.nominal.plant.C,
+        rig.loops,
+        (path if noise is None else path - noise) - deviation,
+        secondary=secondary,
+        disturbance=pushed if floor.any() else None,
+        limit=controller.demand_limit,
+        anti_windup=controller.anti_windup,
+        feedforward=rig.feedforward_demands(path),
+        start=x,
     )
+    ticks = list(simulated)
     error = path - deviation - np.array([tick.output for tick in ticks])
     states = np.array([tick.x for tick in ticks])
     return _summarized(rig, error, states, first, (stages[0], stages[-1]), white=noise is None)

@@ -99,10 +99,8 @@ def sampled_differences(nominal: mujoco.MjModel, sizes: Mismatch, seed: int) -> 
     if sizes.timestep_s is not None:
         model.opt.timestep = sizes.timestep_s
     if sizes.stiffness or sizes.inertia or sizes.hysteresis:
-        missing, joints = (
-            Plant(model, start=mujoco.MjData(model)).coil_force_n(),
-            _suspensions(model),
-        )
+        missing = Plant(model, start=mujoco.MjData(model)).coil_force_n()
+        joints = _suspensions(model)
         model.qpos_spring[model.jnt_qposadr[joints]] += missing / model.jnt_stiffness[joints]
     direction, rate = streams.uniform("drift", 2)
     speed = 1e-6 * sizes.drift_urad_per_s * rate
