@@ -142,10 +142,8 @@ def track(
         notice(f"{failure_text(rig, failure)} may not be identified: {advised(failure)}")
 
     compares = diagnoses and bool(failures or events)
-    count, monitor = (
-        1 + compares + (controller is not None),
-        NonlinearityMonitor(rig.model, rig.part),
-    )
+    count = 1 + compares + (controller is not None)
+    monitor = NonlinearityMonitor(rig.model, rig.part)
 
     def on_tick(former: int, done: int) -> None:
         if done % 100 == 0 or done == len(desired):
@@ -161,9 +159,8 @@ def track(
         with suppress(SimulationDiverged):
             undiagnosed = rig.fly(rig.controller(), desired, on_tick=partial(on_tick, 1), **case)
     if controller is not None:
-        other, _ = simulate_with(
-            rig, controller, desired, on_tick=partial(on_tick, count - 1), **case
-        )
+        case["on_tick"] = partial(on_tick, count - 1)
+        other, _ = simulate_with(rig, controller, desired, **case)
 
     known_s, predict = reach.diagnosed_at_s(rig, run, failures), reach.predictor(rig, run, moving)
     predicted = predict(told=diagnoses)

@@ -187,10 +187,8 @@ class Ik:
         J, y, target = (J_T[: len(rows)] * self._scale, of_rates * v, weight * demand[rows])
         flat, moved = J.ravel(), J.dot(y)
         residual, h = target - moved, 0.25 * period_s * sqrt(flat.dot(flat))
-        spare = (
-            MISSED * (sqrt(target.dot(target)) - sqrt(residual.dot(residual)))
-            + NEGLIGIBLE / period_s
-        )
+        reduction = sqrt(target.dot(target)) - sqrt(residual.dot(residual))
+        spare = MISSED * reduction + NEGLIGIBLE / period_s
         if h * y.dot(y) <= spare:
             return True
         if self._has_free_rates:
@@ -258,9 +256,8 @@ class Ik:
             return [(partly[:nv], duration_s) for duration_s in braking.durations(partly)]
 
         if distances is None:
-            fraction = next(
-                (fraction for fraction in FRACTIONS if steps(fraction) is not None), 0.0
-            )
+            feasible = (part for part in FRACTIONS if steps(part) is not None)
+            fraction = next(feasible, 0.0)
         else:
             fraction = distances.largest_fraction(data, steps)
         return (first + fraction * (velocities - first))[:nv], fraction

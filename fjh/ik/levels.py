@@ -68,17 +68,13 @@ class Levels(NamedTuple):
             level, is_natural = [], all(task.weight is None for task in tasks)
             for task, place in zip(tasks, places, strict=True):
                 if isinstance(place, LocatedRates):
-                    rates = np.zeros(len(of_rates))
-                    unit_weights = 1.0 / of_rates[place.velocities]
-                    rates[place.velocities] = (
-                        unit_weights if is_natural else _weight(task, len(unit_weights))
-                    )
+                    rates, units = np.zeros(len(of_rates)), of_rates[place.velocities]
+                    rates[place.velocities] = 1.0 / units if is_natural else _weight(task, units)
                     W = np.diag(rates[system.active])
                     level.append(Task(None, W[W.any(axis=1)], damping=task.damping or 0.0))
                     continue
                 rows = slice(first, first + len(place.angular))
-                unit_weights = 1.0 / of_rows[rows]
-                W = unit_weights if is_natural else _weight(task, len(unit_weights))
+                W = 1.0 / of_rows[rows] if is_natural else _weight(task, of_rows[rows])
                 level.append(Task(rows, W, damping=task.damping or 0.0))
                 first = rows.stop
             levels.append(level)
@@ -162,7 +158,8 @@ class Targets(NamedTuple):
 _NO_ROWS = np.zeros(0, dtype=np.intp)
 
 
-def _weight(task: TaskFunction, size: int) -> Array:
+def _weight(task: TaskFunction, units: Array) -> Array:
+    size = len(units)
     weight = np.asarray(1.0 if task.weight is None else task.weight)
     if weight.ndim and len(weight) != size:
         label = check.short_repr(task)

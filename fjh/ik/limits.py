@@ -399,20 +399,18 @@ class LimitsOf(NamedTuple):
         is_coupled = self.has_rows or (
             braked and (len(kinematics.passive) > 0 or len(kinematics.active_constraint) > 0)
         )
+        sides, common = (box.lower, box.upper), (None, box.viable, period_s)
         if not is_coupled:
-            return VelocityLimits(
-                *(self, _NO_PAIRS, (box.lower, box.upper), *self.without),
-                *(None, box.viable, period_s),
-            )
+            return VelocityLimits(self, _NO_PAIRS, sides, *self.without, *common)
         ticks = float((np.abs(v) / most).max()) / period_s if braked else 0.0
         span_s = period_s * stopping_ticks(ticks + 1.0) if braked else period_s
         rows, margin, gain, pairs = self._rows(data, v, span_s)
+        slowest = np.full(len(rows), -np.inf)  # only tendons have velocity limits
+        slowest[: len(self.coupled.velocity)] = -self.coupled.velocity
         least = np.where(margin > 0.0, np.minimum(gain / period_s, 1.0 / span_s), gain / period_s)
         with np.errstate(invalid="ignore"):
-            least = np.maximum(-least * margin, self._least_rates(len(rows)))
-        limits = VelocityLimits(
-            self, pairs, (box.lower, box.upper), rows, least, None, box.viable, period_s
-        )
+            least = np.maximum(-least * margin, slowest)
+        limits = VelocityLimits(self, pairs, sides, rows, least, *common)
         if not braked:
             return limits
         first = v * max(0.0, 1.0 - 1.0 / ticks) if ticks else v
@@ -456,12 +454,7 @@ class LimitsOf(NamedTuple):
         return limits._replace(least=least)
 
     def _of_passive(
-        self,
-        box: tuple[Array, Array],
-        passive: Array,
-        v: Array,
-        span_s: float,
-        braking: Braking,
+        self, box: tuple[Array, Array], passive: Array, v: Array, span_s: float, braking: Braking
     ) -> tuple[Array, Array]:
         """Return the box in which passive velocities can brake with the active ones."""
         step = self.acceleration[1] * braking.period_s
@@ -490,12 +483,6 @@ class LimitsOf(NamedTuple):
             margin = np.append(margin, near.distance_m - distances.margin_m)
             gain, pairs = np.append(gain, np.full(len(near.rows), distances.gain)), near.pairs
         return rows, margin, gain, pairs
-
-    def _least_rates(self, count: int) -> Array:
-        """Return the lower limit of each row from velocity limits, which only tendons have."""
-        least = np.full(count, -np.inf)
-        least[: len(self.coupled.velocity)] = -self.coupled.velocity
-        return least
 
     def geom(self, number: int) -> str:
         """Return the name of a geom, or its number and the name of its body."""

@@ -67,12 +67,10 @@ class StepTest(NamedTuple):
         J, step = kinematics.J * units, motion[kinematics.active] / units
         before, allowed = np.zeros((0, len(units))), 0.0
         above = np.zeros((0, len(J)))
-        for k, (parts, level) in enumerate(
-            zip(hierarchy.specs.levels, self.targets.levels, strict=True)
-        ):
-            tasks = [
-                (p.matrix, p.S, q) for p, q in zip(parts, level, strict=True) if p.S is not None
-            ]
+        levels = zip(hierarchy.specs.levels, self.targets.levels, strict=True)
+        for k, (parts, level) in enumerate(levels):
+            pairs = zip(parts, level, strict=True)
+            tasks = [(p.matrix, p.S, q) for p, q in pairs if p.S is not None]
             if not tasks:
                 continue
             S = np.vstack([W @ S for W, S, _ in tasks])
@@ -96,10 +94,8 @@ class StepTest(NamedTuple):
             above = np.vstack([above, S])
         if not missed:
             return ()
-        curvature, rows = (
-            self._curvature(at, kinematics),
-            [np.zeros((0, len(units)))] * len(self.targets.levels),
-        )
+        curvature = self._curvature(at, kinematics)
+        rows = [np.zeros((0, len(units)))] * len(self.targets.levels)
         for k, (A, of_rows) in missed.items():
             least = _ZERO * float(np.linalg.norm(J) * np.linalg.norm(of_rows))
             curved = _root(curvature @ of_rows, least)

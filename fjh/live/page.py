@@ -80,8 +80,7 @@ class Page:
         self.session, self._folder = Session(rig, seed), folder
         self._clicks = SimpleQueue[Callable[[], object]]()
         self._stage = Stage(server, self.session)
-        how = {"show_logo": False, "show_share_button": False, "control_width": "large"}
-        server.gui.configure_theme(**how)
+        server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         server.gui.main_panel.dock_right()
         server.gui.set_panel_label(f"fjh live: {rig.title}")
         self._panel = Panel(server, self.session, self._stage, self._do, self._save)

@@ -123,9 +123,8 @@ class Actor:
         self._healthy, self._failed = dict[int, viser.GlbHandle](), dict[int, viser.MeshHandle]()
         for body in range(model.nbody):
             first = model.body_geomadr[body]
-            geoms = [
-                k for k in range(first, first + model.body_geomnum[body]) if _is_visible(model, k)
-            ]
+            own = range(first, first + model.body_geomnum[body])
+            geoms = [k for k in own if _is_visible(model, k)]
             if not geoms:
                 continue
             mesh, under = merge_geoms(model, geoms), f"{root}/bodies/{body}"

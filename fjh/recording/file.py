@@ -54,9 +54,8 @@ def recording_file(
     """
     rr.set_strict_mode(True)
     # The viewer has one layout for all recordings of an application: each recording is its own.
-    recording = rr.RecordingStream(
-        f"fjh-{about.identity}", recording_id=about.identity, send_properties=False
-    )
+    name = about.identity
+    recording = rr.RecordingStream(f"fjh-{name}", recording_id=name, send_properties=False)
     # Into memory first: Rerun's own file writer would only log that the disk is full.
     encoded = recording.binary_stream()
     recording.send_blueprint(blueprint, make_active=False, make_default=True)

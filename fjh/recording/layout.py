@@ -152,11 +152,7 @@ def _panels(
     ]
     views = [
         plot_view(
-            plot,
-            scene.axes[plot.entity],
-            under,
-            legend=len(plot.names) <= names,
-            is_wide=is_wide,
+            plot, scene.axes[plot.entity], under, legend=len(plot.names) <= names, is_wide=is_wide
         )
         for plot in panels
     ]

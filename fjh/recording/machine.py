@@ -87,7 +87,9 @@ class Picture:
 def log_machine(recording: rr.RecordingStream, entity: str, picture: Picture) -> None:
     """Log the geoms of a machine below an entity, with their motion and the marks of failures."""
     motion, time_s, start_s = picture.motion, picture.time_s, float(picture.time_s[0])
-    logger = MJCFLogger(_without_collisions(picture.model), entity_path_prefix=entity)
+    model = copy.copy(picture.model)
+    model.geom_contype[:] = model.geom_conaffinity[:] = 0  # colliding geoms are omitted or doubled
+    logger = MJCFLogger(model, entity_path_prefix=entity)
     recording.set_time(TIMELINE, duration=start_s)
     logger.log_model(recording)
     for k, name in enumerate(motion.names):
@@ -103,10 +105,9 @@ def log_machine(recording: rr.RecordingStream, entity: str, picture: Picture) ->
     failed_s = {
         name: max(start_s, labels[0][0]) for names, labels in picture.failing for name in names
     }
-    for name, colors in picture.colors.items():
-        until = slice(int(np.searchsorted(time_s, failed_s.get(name, np.inf))))
-        _log_colors(recording, entity, picture.model, name, time_s[until], colors[until])
-    number = {body_name(picture.model, k): k for k in range(picture.model.nbody)}
+    for name in picture.colors:
+        _log_colors(recording, entity, picture, name, failed_s.get(name, np.inf))
+    number = {body_name(model, k): k for k in range(model.nbody)}
     for name, when_s in failed_s.items():
         recording.set_time(TIMELINE, duration=when_s)
         logger.set_body_color(number[name], [*np.divide(rgb(FAILED), 255), 1.0], recording)
@@ -116,28 +117,17 @@ def log_machine(recording: rr.RecordingStream, entity: str, picture: Picture) ->
             _log_label(recording, f"{entity}/labels/failure_{k}", picture, k)
 
 
-def _without_collisions(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Return the model without collisions: the loader omits or duplicates collision geoms."""
-    copied = copy.copy(model)
-    copied.geom_contype[:] = copied.geom_conaffinity[:] = 0
-    return copied
-
-
 def body_entity(entity: str, body: str) -> str:
     """Return the entity of a body's pose; entities below it move with the body."""
     return MJCFLogPaths(entity).body_path(body)
 
 
 def _log_colors(
-    recording: rr.RecordingStream,
-    entity: str,
-    model: mujoco.MjModel,
-    name: str,
-    time_s: Array,
-    colors: Array,
+    recording: rr.RecordingStream, entity: str, picture: Picture, name: str, until_s: float
 ) -> None:
-    """Log the colours of a body's cylinders over time."""
-    body = model.body(name)
+    """Log the colours of a body's cylinders over time, until a time [s]."""
+    until, model = slice(int(np.searchsorted(picture.time_s, until_s))), picture.model
+    time_s, colors, body = picture.time_s[until], picture.colors[name][until], model.body(name)
     for k in range(body.geomadr[0], body.geomadr[0] + body.geomnum[0]):
         if len(time_s) and model.geom_type[k] == mujoco.mjtGeom.mjGEOM_CYLINDER:
             geom = model.geom(k).name or f"geom_{k}"

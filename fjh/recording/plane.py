@@ -95,9 +95,6 @@ def plane_view(entity: str, name: str, plane: Plane) -> rrb.Spatial2DView:
     center, half = plane.square
     x, y = center * _UP
     bounds = rrb.VisualBounds2D(x_range=[x - half, x + half], y_range=[y - half, y + half])
-    until_now = rrb.VisibleTimeRange(
-        TIMELINE,
-        start=rrb.TimeRangeBoundary.infinite(),
-        end=rrb.TimeRangeBoundary.cursor_relative(),
-    )
+    start, now = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
+    until_now = rrb.VisibleTimeRange(TIMELINE, start=start, end=now)
     return rrb.Spatial2DView(origin=entity, name=name, visual_bounds=bounds, time_ranges=until_now)

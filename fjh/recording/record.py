@@ -117,11 +117,9 @@ def info_of(about: About, run: RunView) -> RecordingInfo:
     parameters = {"model_sha256": run.stated.model_sha256} | dict(about.parameters)
     stated = json.dumps(asdict(run.stated), allow_nan=False)
     title = about.title or run.stated.robot
-    notes = "\n".join([f"# {title}", "", *about.notes, "", *_tables(about, run)])
-    notes = "\n".join([notes, "", *constants(parameters)])
-    return RecordingInfo(
-        about.identity, title, notes, parameters | {STATED_PROPERTY: stated}, results_of(about, run)
-    )
+    lines = [f"# {title}", "", *about.notes, "", *_tables(about, run), "", *constants(parameters)]
+    properties, results = parameters | {STATED_PROPERTY: stated}, results_of(about, run)
+    return RecordingInfo(about.identity, title, "\n".join(lines), properties, results)
 
 
 def _tables(about: About, run: RunView) -> list[str]:

@@ -9,14 +9,7 @@ import rerun as rr
 
 from fjh.recording import Array
 from fjh.recording.file import rgb, time_column
-from fjh.recording.machine import (
-    FIXTURES,
-    Failing,
-    Picture,
-    load_colors,
-    log_machine,
-    stills,
-)
+from fjh.recording.machine import FIXTURES, Failing, Picture, load_colors, log_machine, stills
 from fjh.recording.motion import displacement, magnification, magnified, motion_of
 from fjh.recording.plane import Plane, log_plane
 from fjh.recording.signals import Line, Plot, Range, axis_of, log_lines, log_plot
@@ -79,9 +72,8 @@ def scenes_of(runs: Mapping[str, RunView], *, paths: bool = False) -> dict[str, 
         plane = None
         if len(run.plane_columns) > 1:
             plane = (_path if paths or len(runs) == 1 else _errors)(run, comparable)
-        scenes[name] = Scene(
-            _picture(run, comparable), run.signals, axes, plane, run.lines, run.lanes
-        )
+        picture = _picture(run, comparable)
+        scenes[name] = Scene(picture, run.signals, axes, plane, run.lines, run.lanes)
     return scenes
 
 
@@ -134,16 +126,9 @@ def _picture(run: RunView, comparable: Sequence[RunView]) -> Picture:
         note = f"inputs -{full:g} % blue, +{full:g} % red"
         for names, load in zip(run.stated.bodies, inputs[at].T, strict=True):
             colors |= dict.fromkeys(names, load_colors(load, full))
-    return Picture(
-        run.model,
-        run.time_s[at],
-        run.motion(run.arrays["task"][at], run.arrays["qpos"][at], factor),
-        factor,
-        run.failing,
-        colors,
-        FIXTURES if run.stated.hexapod else {},
-        note,
-    )
+    motion = run.motion(run.arrays["task"][at], run.arrays["qpos"][at], factor)
+    fixtures = FIXTURES if run.stated.hexapod else {}
+    return Picture(run.model, run.time_s[at], motion, factor, run.failing, colors, fixtures, note)
 
 
 def _path(run: RunView, comparable: Sequence[RunView]) -> Plane:

@@ -12,14 +12,7 @@ import numpy as np
 from argument_checks.ties import greatest
 from fjh.recording import Array
 from fjh.recording.machine import Failing, stills
-from fjh.recording.motion import (
-    BODIES,
-    Mover,
-    displacement,
-    magnification,
-    motion_of,
-    mover,
-)
+from fjh.recording.motion import BODIES, Mover, displacement, magnification, motion_of, mover
 from fjh.recording.signals import Line, Plot
 from fjh.rig import Rig, Run
 from fjh.rig.run import HEALTHY
@@ -178,10 +171,9 @@ class RunView:
         """Magnification factor that makes the motion visible."""
         if self.stated.hexapod:
             return magnification(self.arrays["task"][:, :3], self.arrays["task"][:, 3:])
-        nominal, seen = (self.arrays["qpos"][at] for at in (slice(1), stills(self.time_s)))
-        return magnification(
-            *displacement(motion_of(self.model, seen), motion_of(self.model, nominal))
-        )
+        ticks = slice(1), stills(self.time_s)
+        nominal, seen = (motion_of(self.model, self.arrays["qpos"][at]) for at in ticks)
+        return magnification(*displacement(seen, nominal))
 
     @cached_property
     def error(self) -> Array:
@@ -223,9 +215,7 @@ class RunView:
     @property
     def failures(self) -> list[Change]:
         """Incidents that are failures of actuators."""
-        return [
-            change for change in self.stated.incidents if change.actuator and change.kind != HEALTHY
-        ]
+        return [one for one in self.stated.incidents if one.actuator and one.kind != HEALTHY]
 
     @property
     def failing(self) -> list[Failing]:
@@ -269,9 +259,7 @@ class RunView:
             if not any(change.actuator == name for change in changed):
                 continue
             for label, history in (("is", stated.incidents), ("taken for", stated.diagnoses)):
-                changes = [
-                    (change.time_s, change.kind) for change in history if change.actuator == name
-                ]
+                changes = [(one.time_s, one.kind) for one in history if one.actuator == name]
                 if changes or (stated.diagnoses and label != "is"):
                     lane = [] if changes and changes[0][0] <= start_s else [(start_s, HEALTHY)]
                     lanes[f"{name} {label}"] = [*lane, *changes]
@@ -323,9 +311,8 @@ class RunView:
     def _inputs(self) -> list[Plot]:
         """Return plots of the inputs, by unit, with limits and the largest fraction of a limit."""
         stated, inputs, plots = self.stated, self.arrays["inputs"], list[Plot]()
-        for entity, title, names, columns in by_unit(
-            INPUT, "Inputs", stated.actuators, stated.input_units
-        ):
+        groups = by_unit(INPUT, "Inputs", stated.actuators, stated.input_units)
+        for entity, title, names, columns in groups:
             reached, levels = list[float](), set[float]()
             for k in columns:
                 low, high = (side[k] for side in stated.limits)

@@ -7,8 +7,7 @@ from sim import HEXAPOD_MJCF, Array
 
 ARM_MJCF = HEXAPOD_MJCF.with_name("arm.xml")
 POINTING, SECONDARY = [0, 1], [2, 3, 4, 5]
-"""Task rows in payload axes: rotations of the camera across its line of sight, and the other rows.
-"""
+"""Task rows in payload axes: rotations of the camera across its line of sight, and the others."""
 
 
 def camera_axes(data: mujoco.MjData) -> Array:

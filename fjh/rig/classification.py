@@ -74,28 +74,22 @@ def classifications(
     springs, rigid = atlas.elastic, atlas.possible
     names, failing = classify(springs or atlas), (atlas.codes != 0).sum(axis=1)
 
-    def classification(
-        name: str, label: str, color: str, holds: NDArray[np.bool_]
-    ) -> Classification:
-        by_failures = np.bincount(failing[holds], minlength=atlas.codes.shape[1] + 1)
-        return Classification(name, label, color, holds, by_failures)
-
     if springs is None:
-        classes = [classification("exact", "exact", BLUE, rigid)]
+        classes = [("exact", "exact", BLUE, rigid)]
     else:
         classes = [
-            classification("rigid", "exact, with or without springs", BLUE, rigid),
-            classification(
-                "springs", "exact with the springs only", SKY, ~rigid & (names == "exact")
-            ),
+            ("rigid", "exact, with or without springs", BLUE, rigid),
+            ("springs", "exact with the springs only", SKY, ~rigid & (names == "exact")),
         ]
-    classes.append(
-        classification("drifts", f"{body} drifts", VERMILION, ~rigid & (names == "drifts"))
-    )
+    classes.append(("drifts", f"{body} drifts", VERMILION, ~rigid & (names == "drifts")))
     for count in reversed(range(atlas.gains.shape[1])):
         name, label = _counted(count), f"{_NUMBERS[count]} {task} {_noun(count)} left"
-        classes.append(classification(name, label, _COLORS[count], ~rigid & (names == name)))
-    return classes
+        classes.append((name, label, _COLORS[count], ~rigid & (names == name)))
+    sizes = atlas.codes.shape[1] + 1
+    return [
+        Classification(name, label, color, holds, np.bincount(failing[holds], minlength=sizes))
+        for name, label, color, holds in classes
+    ]
 
 
 def names_of(classifications: Sequence[Classification]) -> NDArray[np.object_]:

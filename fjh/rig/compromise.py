@@ -7,13 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ftc import Goal
-from prioritized import (
-    Kinematics,
-    Status,
-    VelocityMapping,
-    VelocitySolution,
-    velocity_mapping,
-)
+from prioritized import Kinematics, Status, VelocityMapping, VelocitySolution, velocity_mapping
 from sim import Array
 
 
@@ -96,14 +90,9 @@ def compromising(
     """
 
     def allocate(kinematics: Kinematics) -> Compromise:
-        W1 = goal.joint_weight
-        return weighted_pseudo_inverse(
-            kinematics.J,
-            major,
-            secondary,
-            major_weight,
-            joint_weight=None if W1 is None else np.array(W1)[kinematics.actuators],
-            secondary_weight=goal.secondary_weight,
-        )
+        W1, W2 = goal.joint_weight, goal.secondary_weight
+        remaining = None if W1 is None else np.array(W1)[kinematics.actuators]
+        weights = major_weight, remaining, W2
+        return weighted_pseudo_inverse(kinematics.J, major, secondary, *weights)
 
     return allocate

@@ -130,7 +130,8 @@ class ConditionAnalysis:
 
     def lost(self, row: int) -> Array:
         """Return the k secondary directions that a condition removes, shape (m2, k)."""
-        here, healthy = (_columns(self.classes.lost_secondary[k]) for k in (row, 0))
+        bases = (self.classes.lost_secondary[k] for k in (row, 0))
+        here, healthy = (basis[:, basis.any(axis=0)] for basis in bases)  # without padding
         lost = here - healthy @ (healthy.T @ here)
         U, sigma, _ = np.linalg.svd(lost, full_matrices=False)
         return U[:, sigma > _SAME]
@@ -147,9 +148,8 @@ class ConditionAnalysis:
 
     def reason(self, row: int) -> str:
         """Return a clause that states why the major task is not possible."""
-        return _REASONS.get(
-            self.classification(row), "the actuators do not reach every major direction"
-        )
+        otherwise = "the actuators do not reach every major direction"
+        return _REASONS.get(self.classification(row), otherwise)
 
 
 NO_MARGIN, NEARLY_LOST = "no margin", "nearly lost"
@@ -166,10 +166,6 @@ def _over_first(values: Array) -> Array:
 
 _SAME = 1e-6
 """Largest sine of the angle between a lost direction and the span of others that counts as zero."""
-
-
-def _columns(padded: Array) -> Array:
-    return padded[:, padded.any(axis=0)]
 
 
 def best_relative_manipulability(n: int, m: int, failures: int) -> float:

@@ -67,11 +67,8 @@ def failed(condition: Iterable[int], names: Iterable[Name], kind: int) -> list[N
 
 def condition_text(condition: Sequence[int] | NDArray[np.int8], names: Sequence[str]) -> str:
     """Return a condition as text: "knee locked, hip and ankle free", or "healthy"."""
-    parts = []
-    for kind, word in _KINDS.items():
-        if some := failed(condition, names, kind):
-            parts.append(f"{listed(some)} {word}")
-    return ", ".join(parts) or "healthy"
+    parts = ((failed(condition, names, kind), word) for kind, word in _KINDS.items())
+    return ", ".join(f"{listed(some)} {word}" for some, word in parts if some) or "healthy"
 
 
 def listed(names: Sequence[str], joined: str = "and", most: int = 6) -> str:

@@ -88,8 +88,7 @@ Pinned = Annotated[
     ),
 ]
 Turn = Annotated[
-    float,
-    Option(metavar="S", help="Time of one turn of a circle or spiral, in seconds."),
+    float, Option(metavar="S", help="Time of one turn of a circle or spiral, in seconds.")
 ]
 Dither = Annotated[
     str,
@@ -185,10 +184,7 @@ class RobotOptions:
     pinned: Pinned = None
     servo: Annotated[
         float | None,
-        Option(
-            metavar="HZ",
-            help="Natural frequency of position servos added to torque motors.",
-        ),
+        Option(metavar="HZ", help="Natural frequency of position servos added to torque motors."),
     ] = None
 
     def __post_init__(self) -> None:

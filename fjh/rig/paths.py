@@ -68,12 +68,8 @@ def _from_file(file: Path, rows: int, time_s: Array) -> Array:
         desired = check.array("desired", arrays["desired"])
     except (KeyError, ValueError, TypeError) as error:
         raise WrongInput(f"path {file} holds no path: {error}") from None
-    if (
-        times.ndim != 1
-        or not len(times)
-        or desired.shape != (len(times), rows)
-        or (np.diff(times) <= 0).any()
-    ):
+    fits = times.ndim == 1 and len(times) > 0 and desired.shape == (len(times), rows)
+    if not fits or (np.diff(times) <= 0).any():
         raise WrongInput(
             f"path {file} must have ascending time_s (N,) and desired (N, {rows}), got shapes "
             f"{times.shape} and {desired.shape}"

@@ -24,8 +24,7 @@ _PULSE_S = 3.0
 """Length of the noise impulse response, in periods of the crossover."""
 
 MARGINAL = 1 + 1e-9
-"""Largest pole radius that counts as stable: integrators that the mapping does not excite have 1.
-"""
+"""Largest pole radius that counts as stable: integrators without excitation have 1."""
 
 
 @dataclass(frozen=True)
@@ -95,20 +94,19 @@ def predicted(
         stages.append(Stage(after, tick, gain, in_service))
         if after.floor is not None:
             pushed[tick:] = floor[tick:] @ after.floor.T
-    ticks = list(
-        steps(
-            stages,
-            rig.nominal.plant.C,
-            rig.loops,
-            (path if noise is None else path - noise) - deviation,
-            secondary=secondary,
-            disturbance=pushed if floor.any() else None,
-            limit=controller.demand_limit,
-            anti_windup=controller.anti_windup,
-            feedforward=rig.feedforward_demands(path),
-            start=x,
-        )
+    simulated = steps(
+        stages,
+        rig.nominal.plant.C,
+        rig.loops,
+        (path if noise is None else path - noise) - deviation,
+        secondary=secondary,
+        disturbance=pushed if floor.any() else None,
+        limit=controller.demand_limit,
+        anti_windup=controller.anti_windup,
+        feedforward=rig.feedforward_demands(path),
+        start=x,
     )
+    ticks = list(simulated)
     error = path - deviation - np.array([tick.output for tick in ticks])
     states = np.array([tick.x for tick in ticks])
     return _summarized(rig, error, states, first, (stages[0], stages[-1]), white=noise is None)
@@ -153,13 +151,7 @@ def _static_offset(controller: PrioritizedController) -> Array | float:
 
 
 def _summarized(
-    rig: "Rig",
-    error: Array,
-    states: Array,
-    first: int,
-    stages: tuple[Stage, Stage],
-    *,
-    white: bool,
+    rig: "Rig", error: Array, states: Array, first: int, stages: tuple[Stage, Stage], *, white: bool
 ) -> Prediction:
     """Return the RMS of errors (N, m1) before and after the tick `first`, NaN beyond ranges.
 
@@ -194,9 +186,8 @@ def _noise_variance(rig: "Rig", stage: Stage) -> Array:
     pulses[range(m1), 0, range(m1)] = 1.0  # noise acts like a reference of the compensators alone
     alone = replace(stage.model, drift=np.zeros(len(stage.model.A)), dry_friction=None)
     first = Stage(alone, gain=stage.gain)
-    outputs = np.array(
-        [tick.output for tick in steps([first], rig.nominal.plant.C, rig.loops, pulses)]
-    )
+    ticks = steps([first], rig.nominal.plant.C, rig.loops, pulses)
+    outputs = np.array([tick.output for tick in ticks])
     return np.einsum("tsk,s->k", outputs**2, rig.nominal.noise**2)
 
 

@@ -15,14 +15,7 @@ from fjh.rig.dither import dither_of
 from fjh.rig.events import Event
 from fjh.rig.events.hooks import events_of
 from fjh.rig.mismatch import Known, Mismatch, sizes_of
-from fjh.rig.options import (
-    BOUNDS,
-    RobotOptions,
-    Sensing,
-    check_bounds,
-    pinned_of,
-    rows_of,
-)
+from fjh.rig.options import BOUNDS, RobotOptions, Sensing, check_bounds, pinned_of, rows_of
 from fjh.rig.paths import path_of
 from fjh.rig.prediction import InformedAt, Prediction, predicted
 from fjh.rig.run import Run, simulate, tick_of
@@ -335,9 +328,7 @@ class Rig:
             goal: Goal without failures; None is that of the rig.
         """
         design = dither_of(self, dither, self.dither)
-        control = self.control
-        if goal is not None:
-            control = replace(control, goal=self._goal(goal))
+        control = self.control if goal is None else replace(self.control, goal=self._goal(goal))
         return control.supervisor(dither=design)
 
     def bench(
@@ -501,16 +492,11 @@ class Rig:
 
     def _events_by_time(self, events: object) -> tuple[Event, ...]:
         """Return the named events in order of time, actuators by number."""
-        events_with_name = (
-            [event for event in events if isinstance(event, Event)]
-            if isinstance(events, Sequence)
-            else []
-        )
+        given = events if isinstance(events, Sequence) else ()
         numbered = (
-            event
-            if event.actuator is None
-            else replace(event, actuator=self.number(event.actuator))
-            for event in events_with_name
+            item if item.actuator is None else replace(item, actuator=self.number(item.actuator))
+            for item in given
+            if isinstance(item, Event)
         )
         return tuple(sorted(numbered, key=lambda event: event.time_s))
 

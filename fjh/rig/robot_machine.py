@@ -14,8 +14,7 @@ from sim import Array, Bench, Failure, Pose
 from sim.plant import JointSensors, Reading, Sensors, TaskSensor
 
 ALL = Mismatch(gain=0.03, damping=0.2, inertia=0.02, delay_ticks=1, drift_per_s=0.1, steps=2)
-"""Mismatch of all kinds at once: gains, dampers, inertias and delay as for the hexapod's testbed.
-"""
+"""Mismatch of all kinds at once: gains, dampers, inertias and delay as for the hexapod."""
 
 SIZES = ("gain", "damping", "inertia", "delay_ticks", "drift_per_s", "steps")
 """Sizes that apply to a robot of a file, which states no floor and no preload of springs."""
@@ -72,11 +71,9 @@ class RobotMachine:
         """Return the sensors, of the task or encoders, whose zeros drift at sampled rates."""
         robot, rows, streams = self.robot, self.robot.options.major, RandomStreams(self.seed)
         per_tick = self.sizes.drift_per_s * robot.period_s
-        noise, encoder_noise = robot.noise, robot.encoder_noise
+        noise, encoder_noise, n = robot.noise, robot.encoder_noise, len(robot.nominal_plant.drives)
         of_task = per_tick * noise * streams.uniform("task drift", len(rows))
-        of_encoders = (
-            per_tick * encoder_noise * streams.uniform("drift", len(robot.nominal_plant.drives))
-        )
+        of_encoders = per_tick * encoder_noise * streams.uniform("drift", n)
         sensors: Sensors = TaskSensor(rows, noise, encoder_noise, seed)
         if robot.options.sense == "joints":
             # The task is computed from the encoders, and drifts with them.

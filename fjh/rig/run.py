@@ -122,9 +122,8 @@ class Run:
     def arrays(self) -> dict[str, Array]:
         """Arrays of the run by their names in published files."""
         names = ("time_s", "desired", "true", "measured", "task", "inputs", "displacement", "qpos")
-        return {name: getattr(self, name) for name in names} | {
-            "closure_residual_m": self.closure_m
-        }
+        arrays = {name: getattr(self, name) for name in names}
+        return arrays | {"closure_residual_m": self.closure_m}
 
 
 def rms(signal: Array) -> Array:

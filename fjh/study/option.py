@@ -56,9 +56,8 @@ def described(name: str, annotation: Any, default: Any) -> inspect.Parameter:
         annotation = Annotated[annotation, Option("")]
     if not isinstance(option := get_args(annotation)[1], Option):
         raise TypeError(f"{name} must be described by an Option, got {option!r:.80}")
-    return inspect.Parameter(
-        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
-    )
+    kind = inspect.Parameter.KEYWORD_ONLY
+    return inspect.Parameter(name, kind, default=default, annotation=annotation)
 
 
 def options_of(study: Study) -> list[inspect.Parameter]:

@@ -12,6 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fjh.study.files import published, write_arrays, write_index
+from fjh.study.option import OnProgress
 from fjh.study.provenance import versions
 from sim.mjcf import model_sha256
 
@@ -200,10 +201,7 @@ class Result:
         return "\n\n".join(part for part in parts if part) + "\n"
 
     def publish(
-        self,
-        name: str,
-        folder: Path,
-        on_progress: Callable[[int, int], None] = lambda done, total: None,
+        self, name: str, folder: Path, on_progress: OnProgress = lambda done, total: None
     ) -> dict[str, Any]:
         """Write NAME.json, NAME.md, Parquet, figures, data and recordings: all of them, or none.
 
@@ -257,10 +255,8 @@ def check(what: str, values: Any, below: float, where: str = "") -> list[Check]:
     if isinstance(values, pd.Series):
         places = [index if isinstance(index, tuple) else (index,) for index in values.index]
         names = [", ".join(filter(None, (where, *map(str, place)))) for place in places]
-        return [
-            Check(what, name, float(value), below)
-            for name, value in zip(names, values, strict=True)
-        ]
+        pairs = zip(names, values, strict=True)
+        return [Check(what, name, float(value), below) for name, value in pairs]
     return [Check(what, where, float(values), below)]
 
 

@@ -77,11 +77,8 @@ def survey_system(
     system: AnalyzedSystem, postures: int, seed: int, on_progress: OnProgress
 ) -> Survey:
     """Analyze a system at its start, and a robot also at up to `postures` sampled postures."""
-    most, others, qpos = (
-        most_failures(len(system.actuators)),
-        list[ConditionAnalysis](),
-        list[Array](),
-    )
+    most = most_failures(len(system.actuators))
+    others, qpos = list[ConditionAnalysis](), list[Array]()
     at_start = condition_analysis(system, min(most, 2))
     start = at_start(system.constrained_system, on_progress=on_progress)
     if (robot := system.robot) is not None and postures > 0:
@@ -153,9 +150,8 @@ def analyze_postures(
     Returns:
         Joint positions (nq,) of the task's part of the model, and the analysis, at each posture.
     """
-    closed = [
-        data for qpos in sample_postures(robot, count, seed) if (data := _closed(robot, qpos))
-    ]
+    sampled = sample_postures(robot, count, seed)
+    closed = [data for qpos in sampled if (data := _closed(robot, qpos))]
     reader = JacobianReader(robot.scene.task_model, robot.scene.frame, robot.options.axes)
     calls = [{"system": system.constrained_system.at_pose(reader.at(data))} for data in closed]
     n = len(system.actuators)

@@ -121,14 +121,12 @@ def isolation_row(rig: Rig, sense: Sensing) -> tuple[DitherDesign, dict[str, Any
     observed, design = sensed.diagnosis_model, rig_dither(sensed, "designed")
     if design is None:
         raise ValueError("the major task leaves no motion by which failures could be isolated")
-    separated, dither = design.separations, design.dither
+    separated, dither, uncertainty = design.separations, design.dither, DEFAULT_CONFIG.uncertainty
     exact = separations(observed, dither, MEASURED_S, CERTAIN)
     isolable, added = separated.isolable(), dict[str, int]()
     candidates, most = further_sensors(rig, sense), len(isolable)
     while candidates and len(added) < MOST_ADDED and most < len(separated.faults):
-        ranked = ranked_sensors(
-            observed, candidates, dither, MEASURED_S, DEFAULT_CONFIG.uncertainty
-        )
+        ranked = ranked_sensors(observed, candidates, dither, MEASURED_S, uncertainty)
         if (count := len(ranked[0].separations.isolable())) <= most:
             break
         name = ranked[0].name

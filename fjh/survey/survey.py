@@ -6,18 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
+from fjh.rig import options as rig_options
 from fjh.rig.condition_analysis import LEAST_LEFT
-from fjh.rig.options import (
-    DEFAULT_OPTIONS,
-    MAJOR,
-    Axes,
-    Keyframe,
-    Model,
-    Pinned,
-    RobotOptions,
-    Site,
-    Switch,
-)
 from fjh.study.errors import WrongInput
 from fjh.study.input_checks import check_file
 from fjh.study.option import OnProgress, Option, command_arguments, seed_of
@@ -34,14 +24,14 @@ _QUICK = 8  # largest number of postures of a quick run
 
 def survey(
     *,
-    model: Model = None,
+    model: rig_options.Model = None,
     seed: Annotated[int, seed_of("the postures")] = 0,
     quick: Annotated[bool, Option(help="Sample at most 8 postures.")] = False,
-    site: Site = "payload",
-    axes: Axes = None,
-    major: Annotated[str | None, MAJOR] = None,
-    keyframe: Keyframe = None,
-    pinned: Pinned = None,
+    site: rig_options.Site = "payload",
+    axes: rig_options.Axes = None,
+    major: Annotated[str | None, rig_options.MAJOR] = None,
+    keyframe: rig_options.Keyframe = None,
+    pinned: rig_options.Pinned = None,
     matrix: Annotated[
         Path | None,
         Option(metavar="FILE", help="Text file of an effectiveness matrix, effects per input."),
@@ -74,7 +64,7 @@ def survey(
         ),
     ] = 32,
     sensors: Annotated[
-        Switch,
+        rig_options.Switch,
         Option(
             help="Compute which failures a robot's sensors can isolate: 1 s for the hexapod, 10 s "
             "for 12 actuators, not available for more."
@@ -175,10 +165,11 @@ def _system_of_options(
         defaults: dict[str, Any] = {"axes": "base"} if model is None else {}
         options = robot | {"major": major, "servo": None}  # a servo is for the sensors alone
         given = defaults | {name: value for name, value in options.items() if value is not None}
-        return robot_system(model and check_file(model), RobotOptions(**given), lower, upper)
+        parsed = rig_options.RobotOptions(**given)
+        return robot_system(model and check_file(model), parsed, lower, upper)
     if model is not None:
         raise WrongInput(f"give either a MODEL.xml or --matrix, got {model} and --matrix {matrix}")
     for name, value in robot.items():
-        if value not in (getattr(DEFAULT_OPTIONS, name), None):
+        if value not in (getattr(rig_options.DEFAULT_OPTIONS, name), None):
             raise WrongInput(f"--{name} applies to a robot, not to --matrix")
     return matrix_system(check_file(matrix), lower, upper, major, hold)

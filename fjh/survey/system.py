@@ -75,17 +75,16 @@ class AnalyzedSystem:
         lower, upper = self.rates
         if self.hold is None:
             return lower, upper
-        at_rest = self.constrained_system.kinematics().velocity_mapping(
+        system = self.constrained_system
+        at_rest = system.kinematics().velocity_mapping(
             self.major,
             joint_weight=np.ones(len(self.actuators)),  # of least norm within the limits
             rate_limits=self.rates,
         )
-        B, works = self.constrained_system.J_T[list(self.major)], codes == HEALTHY
+        B, works = system.J_T[list(self.major)], codes == HEALTHY
         stuck = np.where(works | (codes == FREE), 0.0, at_rest(self.hold))
         missing = self.hold - stuck @ B.T
-        inverse = np.linalg.pinv(
-            B * works[:, None, :], rcond=self.constrained_system.rank_tolerance
-        )
+        inverse = np.linalg.pinv(B * works[:, None, :], rcond=system.rank_tolerance)
         resting = (inverse @ missing[..., None])[..., 0]
         return lower - resting, upper - resting
 

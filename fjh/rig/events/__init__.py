@@ -1,9 +1,6 @@
 """Named events of a machine during a run, in addition to sudden failures.
 
-    rig.fly(controller, path, events=[Event("hard_over", 1.3, "strut1"), Event("bump", 0.5)])
-
-`effects` declares each event on the function of its effect, and `hooks` turns the events of a run
-into hooks of :class:`sim.Bench`.
+rig.fly(controller, path, events=[Event("hard_over", 1.3, "strut1"), Event("bump", 0.5)])
 """
 
 from fjh.rig.events.effects import EVENTS as EVENTS

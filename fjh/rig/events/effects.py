@@ -276,13 +276,7 @@ actuator_event("slow", "a first-order lag of 30 ms in the input", ("weak", "lock
 actuator_event("strong", "the actuator gives 1.3 times its force", gain=1.3)(scaled_force)
 
 
-@actuator_event(
-    "lock_released",
-    "a lock that opens after 100 ms",
-    _LOCKED,
-    _LOCKED,
-    opens_s=0.1,
-)
+@actuator_event("lock_released", "a lock that opens after 100 ms", _LOCKED, _LOCKED, opens_s=0.1)
 def released_lock(target: "Target", opens_s: float) -> Effect:
     """Open the lock that the event closes, `opens_s` after onset."""
     lock, opens = target.lock, target.ticks(opens_s)

@@ -81,9 +81,8 @@ def effect_of(rig: "Rig", event: Event, seed: int, before: int = 0) -> tuple[Eff
     else:
         failing = rng.permutation(len(rig.actuators))[: len(kind.failures)].tolist()
     time_s = event.time_s + kind.after_s
-    return effect, [
-        Failure(k, mode, time_s) for k, mode in zip(failing, kind.failures, strict=True)
-    ]
+    failures = [Failure(k, mode, time_s) for k, mode in zip(failing, kind.failures, strict=True)]
+    return effect, failures
 
 
 class Hooks:

@@ -87,8 +87,7 @@ class Hexapod:
 
     def inverse_jacobian(self, pose: Pose) -> Array:
         """Return A in l_dot = A [omega; v] at a pose, (..., 6, 6), with rows [(R a) x u, u]."""
-        posture = pose if isinstance(pose, Posture) else self.posture(pose)
-        return posture.inverse_jacobian
+        return self.posture(pose).inverse_jacobian
 
     def posture(self, pose: Pose) -> Posture:
         """Return a pose with its strut displacements and A; a `Posture` is returned unchanged.
@@ -131,7 +130,7 @@ class Hexapod:
             ValueError: An argument has a wrong shape or non-finite numbers, the pose is singular,
                 or a strut has zero length.
         """
-        here = pose if isinstance(pose, Posture) else self.posture(pose)
+        here = self.posture(pose)
         target_m = check.array("displacement_m", displacement_m, 6)
         fields = np.empty((3, 3)), np.empty(3), np.empty((6, 6)), np.empty(6)
         R, t, A, moved_m = fields

@@ -90,7 +90,5 @@ class Coils:
 
     def _checked(self, temperature_c: Array, current_a: Array) -> tuple[Array, Array]:
         shape = self.thermal_resistance_k_per_w.shape
-        return (
-            check.array("temperature_c", temperature_c, *shape),
-            check.array("current_a", current_a, *shape),
-        )
+        temperature_c = check.array("temperature_c", temperature_c, *shape)
+        return temperature_c, check.array("current_a", current_a, *shape)

@@ -188,11 +188,9 @@ class StrutMapping(PrioritizedMapping[Pose]):
             raise ValueError(
                 "stiffness must be given for a goal with free or loose struts, got None"
             )
-        strut_geometry = HexapodGeometry(
-            geometry, constant=jacobian == "constant", stiffness=stiffness
-        )
+        struts = HexapodGeometry(geometry, constant=jacobian == "constant", stiffness=stiffness)
         options = {"limits": limits, "when_limited": when_limited, "allocate": allocate}
-        super().__init__(strut_geometry, goal, MAJOR, SECONDARY, form, task_coordinates, **options)
+        super().__init__(struts, goal, MAJOR, SECONDARY, form, task_coordinates, **options)
 
 
 def nominal_plant(model: mujoco.MjModel) -> tuple[LinearPlant, Array]:

@@ -63,9 +63,9 @@ def forward_kinematics(
     check.instance("geometry", geometry, Hexapod)
     check.integer("most_steps", most_steps)
     target_m, pose = _checked(displacements_m, start)
-    limit_m = _ROUND_OFF * (geometry.nominal_length_m + np.abs(target_m) + _spread_m(geometry)).max(
-        -1
-    )
+    nodes_m = np.concatenate([geometry.top_m, geometry.bottom_m])
+    farthest_m = float(np.linalg.norm(nodes_m, axis=1).max())
+    limit_m = _ROUND_OFF * (geometry.nominal_length_m + np.abs(target_m) + farthest_m).max(-1)
     steps = 0
     while True:
         missing = target_m - geometry.displacements(pose)
@@ -96,12 +96,6 @@ def _checked(displacements_m: Array, start: Pose) -> tuple[Array, Pose]:
     return np.broadcast_to(target_m, (*shape, 6)), Pose(
         np.broadcast_to(rotation, (*shape, 3, 3)), np.broadcast_to(translation_m, (*shape, 3))
     )
-
-
-def _spread_m(geometry: Hexapod) -> float:
-    """Return the largest distance of a node from the origin [m], the scale of round-off."""
-    nodes_m = np.concatenate([geometry.top_m, geometry.bottom_m])
-    return float(np.linalg.norm(nodes_m, axis=1).max())
 
 
 def _newton_step(geometry: Hexapod, pose: Pose, missing_m: Array) -> Array:

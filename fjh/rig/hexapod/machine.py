@@ -72,7 +72,6 @@ class HexapodMachine:
     ) -> Bench:
         """Return the settled machine for times (N,), with sensor noise of this seed."""
         bench, ticks, plant = self.testbed.bench, len(time_s), Plant(self.model)
-        period_s = bench.control_period_s
         mujoco.mj_copyData(plant.data, plant.model, self.equilibrium)
         floors = [self.floor(ticks), self._given_floor(time_s)]
         moves = [motion for motion in floors if motion is not None]
@@ -80,7 +79,7 @@ class HexapodMachine:
             plant,
             HexapodSensors(bench, seed, self.zero_rad(ticks)),
             time_s=time_s,
-            period_s=period_s,
+            period_s=bench.control_period_s,
             failures=failures,
             drives=self._drives(),
             floor_m_per_s2=np.sum(moves, axis=0) if moves else None,
@@ -92,19 +91,13 @@ class HexapodMachine:
 
     def floor(self, ticks: int) -> Array | None:
         """Return the sampled acceleration of the floor at each tick, (N, 3); None: at rest."""
-        if not self.differs.floor_m_per_s:
+        differs, period_s = self.differs, self.testbed.bench.control_period_s
+        if not differs.floor_m_per_s:
             return None
-        period_s = self.testbed.bench.control_period_s
-        return floor_acceleration(
-            ticks, period_s, self.differs.floor_m_per_s, self.differs.floor_seed
-        )
+        return floor_acceleration(ticks, period_s, differs.floor_m_per_s, differs.floor_seed)
 
     def _given_floor(self, time_s: Array) -> Array | None:
-        """Return the given acceleration of the floor at times (N,), preceded by zeros in a lead-in.
-
-        Raises:
-            ValueError: The given acceleration has another number of ticks than the path.
-        """
+        """Return the given acceleration of the floor at times (N,), with zeros in a lead-in."""
         if self.floor_m_per_s2 is None:
             return None
         lead_in = int((time_s == time_s[0]).sum()) - 1

@@ -1,6 +1,7 @@
 """Measures of a run (errors, margins) and their tolerances; constants of the plant."""
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import mujoco
@@ -68,10 +69,7 @@ def plant_constants(model: mujoco.MjModel) -> dict[str, float | list[float]]:
     Raises:
         sim.ModelError: The model lacks one of the named parts.
     """
-
-    def part(kind: str, name: str) -> int:
-        return element_id(model, kind, name)
-
+    part = partial(element_id, model)
     strut, payload, tip = part("joint", "strut1"), part("body", "payload"), part("body", "tip1")
     bend, twist = part("joint", "bottom_bend_x1"), part("joint", "top_twist1")
     stiffness, damping = model.jnt_stiffness, model.dof_damping[model.jnt_dofadr]

@@ -99,7 +99,9 @@ def sampled_differences(nominal: mujoco.MjModel, sizes: Mismatch, seed: int) -> 
     if sizes.timestep_s is not None:
         model.opt.timestep = sizes.timestep_s
     if sizes.stiffness or sizes.inertia or sizes.hysteresis:
-        _preload(model)
+        missing = Plant(model, start=mujoco.MjData(model)).coil_force_n()
+        joints = _suspensions(model)
+        model.qpos_spring[model.jnt_qposadr[joints]] += missing / model.jnt_stiffness[joints]
     direction, rate = streams.uniform("drift", 2)
     speed = 1e-6 * sizes.drift_urad_per_s * rate
     drift = speed * np.cos(np.pi * direction), speed * np.sin(np.pi * direction)
@@ -138,10 +140,3 @@ def _set_springs(
     model.jnt_stiffness[joints] -= sizes.hysteresis * stiffness
     element_stiffness = np.outer(sizes.hysteresis * stiffness, np.full(ELEMENTS, 1 / ELEMENTS))
     return MaxwellSlip(stiffness=element_stiffness, slip=np.exp(low + at * (high - low)))
-
-
-def _preload(model: mujoco.MjModel) -> None:
-    """Preload the suspensions so that the machine rests at its nominal pose without current."""
-    missing = Plant(model, start=mujoco.MjData(model)).coil_force_n()
-    joints = _suspensions(model)
-    model.qpos_spring[model.jnt_qposadr[joints]] += missing / model.jnt_stiffness[joints]

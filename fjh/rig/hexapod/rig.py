@@ -9,12 +9,7 @@ import numpy as np
 
 from fjh.rig.hexapod.closed_form import Hexapod, hexapod
 from fjh.rig.hexapod.columns import COLUMNS, MAJOR
-from fjh.rig.hexapod.controller import (
-    StrutMapping,
-    controller_for,
-    nominal_loops,
-    task_coordinates,
-)
+from fjh.rig.hexapod.controller import StrutMapping, controller_for, nominal_loops, task_coordinates
 from fjh.rig.hexapod.fault_tolerance import (
     DITHER,
     STRUTS,

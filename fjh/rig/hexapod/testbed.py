@@ -155,11 +155,7 @@ class TestbedConfig:
 
     def detector(self) -> Detector:
         """Return the position-sensitive detector behind its telescope."""
-        return Detector(
-            focal_length_m=self.focal_length_m,
-            half_width_m=self.detector_half_width_m,
-            noise_m=self.detector_noise_m,
-        )
+        return Detector(self.focal_length_m, self.detector_half_width_m, self.detector_noise_m)
 
     def strut_sensors(self) -> StrutSensors:
         """Return the displacement gauges of the struts."""
