@@ -25,13 +25,7 @@ from fjh.study.palette import BLACK, BLUE, PURPLE, VERMILION
 from fjh.study.plotting import PAGE_IN, new_figure, one_legend
 from fjh.study.result import Check, Picture, Result, TableView, check, origin
 from fjh.study.workers import in_parallel
-from prioritized import (
-    ConstrainedSystem,
-    Kinematics,
-    Status,
-    canonical_basis,
-    force_mapping,
-)
+from prioritized import ConstrainedSystem, Kinematics, Status, canonical_basis, force_mapping
 from sim import HEXAPOD_MJCF, NOMINAL, Array, Failure, Plant, jacobians, load_model
 from sim.mjcf import weightless
 from sim.plant import FailureKind, failed_plant

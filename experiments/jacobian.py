@@ -448,8 +448,7 @@ def jacobian(
     *,
     seed: Annotated[int, seed_of("the searches and the detector noise")] = 0,
     quick: Annotated[
-        bool,
-        Option(help="Fewer local searches; with --loop three sizes of the spiral, 4 s each."),
+        bool, Option(help="Fewer local searches; with --loop three sizes of the spiral, 4 s each.")
     ] = False,
     loop: Annotated[
         bool, Option(help="Also simulate spirals of increasing size: 5 minutes.")

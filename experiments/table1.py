@@ -14,13 +14,7 @@ from matplotlib.figure import Figure
 from fjh.recording.record import About, write_run
 from fjh.rig.checks import CLOSURE_LIMIT_M
 from fjh.rig.hexapod import metrics, paper
-from fjh.rig.hexapod.columns import (
-    COLUMNS,
-    Column,
-    hexapod_arrays,
-    secondary,
-    secondary_estimated,
-)
+from fjh.rig.hexapod.columns import COLUMNS, Column, hexapod_arrays, secondary, secondary_estimated
 from fjh.rig.hexapod.controller import ANGLES, nominal_loops
 from fjh.rig.hexapod.machine import detector_noise_rad
 from fjh.rig.hexapod.mismatch import ALL_SIZES, has_suspensions
@@ -33,15 +27,7 @@ from fjh.rig.run import Run, rms
 from fjh.study.input_checks import check_file
 from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
-from fjh.study.plotting import (
-    COLUMN_IN,
-    DESIRED,
-    MEASURED,
-    PAGE_IN,
-    START,
-    new_figure,
-    one_legend,
-)
+from fjh.study.plotting import COLUMN_IN, DESIRED, MEASURED, PAGE_IN, START, new_figure, one_legend
 from fjh.study.result import Check, Picture, Result, TableView, check, origin
 from fjh.study.workers import call, in_parallel
 from sim import Array, ModelError, load_model

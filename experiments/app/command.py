@@ -14,13 +14,7 @@ import typer
 from experiments.app.terminal import print_summary, progress
 from experiments.studies import command_of
 from fjh.study.errors import Interrupted, Unsound
-from fjh.study.files import (
-    UNFINISHED,
-    alone_in,
-    published,
-    usable_folder,
-    write_arrays,
-)
+from fjh.study.files import UNFINISHED, alone_in, published, usable_folder, write_arrays
 from fjh.study.option import Option, Study, described, options_of
 
 Out = Annotated[Path, Option("Folder for results.", "FOLDER")]

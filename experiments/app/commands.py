@@ -119,8 +119,7 @@ def render(
     file: Annotated[Path, Option("A recording.", "FILE.rrd", positional=True)],
     out: Annotated[Path, Option("Picture to write.", "FILE.png")],
     time: Annotated[
-        float | None,
-        Option("Simulation time to show [s].  [default: the recording's end]", "S"),
+        float | None, Option("Simulation time to show [s].  [default: the recording's end]", "S")
     ] = None,
     size: Annotated[str, Option("Size of the picture in pixels.", "WIDTHxHEIGHT")] = "1600x900",
 ) -> None:

@@ -31,12 +31,7 @@ from fjh.rig.hexapod.columns import hexapod_arrays
 from fjh.rig.hexapod.fault_tolerance import DITHER
 from fjh.rig.hexapod.metrics import plant_constants, recording_properties
 from fjh.rig.mismatch import EXACT
-from fjh.rig.options import (
-    DEFAULT_OPTIONS,
-    Controller,
-    RobotOptions,
-    check_bounds,
-)
+from fjh.rig.options import DEFAULT_OPTIONS, Controller, RobotOptions, check_bounds
 from fjh.rig.other_controller import controller_factory, controller_label, controller_sha256
 from fjh.rig.rig import Rig
 from fjh.rig.run import Run
@@ -81,8 +76,7 @@ def recover(
         ),
     ] = None,
     hours: Annotated[
-        float,
-        Option(metavar="H", help="Hours to simulate without failures; fewer with --quick."),
+        float, Option(metavar="H", help="Hours to simulate without failures; fewer with --quick.")
     ] = HOURS,
     events: Annotated[
         bool, Option(help="Simulate events other than failures (docs/recover.md): 30 minutes.")
