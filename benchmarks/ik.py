@@ -122,9 +122,8 @@ def ik_tick(ik: Ik, data: mujoco.MjData) -> Array:
 def mink_arguments(robot: Robot, case: Case) -> tuple[Any, ...]:
     """Return the arguments of `mink_tick`: configuration, positions, tasks and limits."""
     model = robot.model
-    tasks: list[Any] = [
-        _frame(foot, pose, 1.0 if robot.balances else 0.0) for foot, pose in case.feet.items()
-    ]
+    turn = 1.0 if robot.balances else 0.0
+    tasks: list[Any] = [_frame(foot, pose, turn) for foot, pose in case.feet.items()]
     if robot.balances:
         center = mink.ComTask(cost=[1.0, 1.0, 0.0])
         center.set_target(case.center)

@@ -444,9 +444,8 @@ def compare_torques(moment: Array, rng: np.random.Generator) -> Part:
             "major_off_percent": 100 * error,
         }
         rows += pd.DataFrame(columns).to_dict("records")
-        arrays |= prefixed(
-            f"tradeoff {method}", {"torques": torques, "weighed": weighed_n, "major_off": error}
-        )
+        arrays_of_method = {"torques": torques, "weighed": weighed_n, "major_off": error}
+        arrays |= prefixed(f"tradeoff {method}", arrays_of_method)
     return {"tradeoff": rows}, arrays
 
 

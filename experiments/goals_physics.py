@@ -225,13 +225,11 @@ def controller_for(
 
     The Jacobian is constant; within the stroke its pointing error is less than that by noise.
     """
-    allocate = None
-    if major_weight is not None:
-        allocate = compromising(goal, MAJOR, SECONDARY, major_weight)
+    strict = major_weight is None
+    allocate = None if strict else compromising(goal, MAJOR, SECONDARY, major_weight)
     mapping = StrutMapping(hexapod(testbed.model), goal, "constant", allocate=allocate)
-    return PrioritizedController(
-        testbed.loops, mapping, testbed.amplifier(), testbed.bench.handover_s
-    )
+    amplifier, handover_s = testbed.amplifier(), testbed.bench.handover_s
+    return PrioritizedController(testbed.loops, mapping, amplifier, handover_s)
 
 
 def without_roll(measurement: Measurement, pose: Pose) -> Measurement:

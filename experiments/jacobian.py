@@ -404,10 +404,8 @@ def cost_rows(runs: pd.DataFrame) -> pd.DataFrame:
     constant = scaled_runs(runs).xs("constant", axis=1, level="variant").reset_index()
     log, rows = np.log(constant[[*sizes, *COSTS]].astype(float)), []
     for what, percent in product(COSTS, COSTS_PERCENT):
-        interpolated = [
-            np.interp(np.log(percent), log[what], log[k], np.nan, np.nan) for k in sizes
-        ]
-        sizes_there = dict(zip(sizes, np.exp(interpolated), strict=True))
+        log_sizes = [np.interp(np.log(percent), log[what], log[k], np.nan, np.nan) for k in sizes]
+        sizes_there = dict(zip(sizes, np.exp(log_sizes), strict=True))
         rows.append({"cost": what, "percent": percent} | sizes_there)
     return pd.DataFrame(rows).dropna(ignore_index=True)
 
@@ -435,10 +433,8 @@ def record(
         | asdict(case),
         checks=checks,
     )
-    arrays, known = hexapod_arrays(run), "known to the mapping"
-    write_run(
-        folder / row["recording"], hexapod_rig(testbed), run, about, arrays=arrays, known=known
-    )
+    path, arrays = folder / row["recording"], hexapod_arrays(run)
+    write_run(path, hexapod_rig(testbed), run, about, arrays=arrays, known="known to the mapping")
 
 
 # The study.
@@ -450,9 +446,7 @@ def jacobian(
     quick: Annotated[
         bool, Option(help="Fewer local searches; with --loop three sizes of the spiral, 4 s each.")
     ] = False,
-    loop: Annotated[
-        bool, Option(help="Also simulate spirals of increasing size: 5 minutes.")
-    ] = False,
+    loop: Annotated[bool, Option("Also simulate spirals of increasing size: 5 minutes.")] = False,
     on_progress: OnProgress,
 ) -> Result:
     """Compute how much the Jacobian varies over the stroke, eq. (40), with a proof.

@@ -40,9 +40,8 @@ Exit codes:
 """
 
 # The command prints its own message instead of MuJoCo's warnings.
-logging.getLogger(f"{__name__.removesuffix('experiments.app.cli')}sim").addHandler(
-    logging.NullHandler()
-)
+_simulation = logging.getLogger(f"{__name__.removesuffix('experiments.app.cli')}sim")
+_simulation.addHandler(logging.NullHandler())
 
 
 def _print_version(requested: bool) -> None:

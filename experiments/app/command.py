@@ -123,9 +123,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     def run(**values: Any) -> None:
         function(**_arguments(inspect.signature(function).parameters, values))
 
-    return _with_signature(
-        run, function, [_option(parameter) for parameter in options_of(function)]
-    )
+    return _with_signature(run, function, list(map(_option, options_of(function))))
 
 
 def _all_options(study: Study) -> list[inspect.Parameter]:

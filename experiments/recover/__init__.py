@@ -70,10 +70,7 @@ def recover(
     quick: Annotated[bool, Option(help="Only a few runs of each sort.")] = False,
     model: Annotated[
         Path | None,
-        Option(
-            metavar="MODEL.xml",
-            help="MJCF file of another robot, on a circle; takes options of fjh track.",
-        ),
+        Option("MJCF file of another robot, on a circle; takes options of fjh track.", "MODEL.xml"),
     ] = None,
     hours: Annotated[
         float, Option(metavar="H", help="Hours to simulate without failures; fewer with --quick.")
@@ -102,14 +99,10 @@ def recover(
     """
     check_within("hours", hours, 1e-3, 1e6)
     check_bounds("turn", turn)
-    hexapod_options = {
-        "hours": hours != HOURS,
-        "controller": controller,
-        "scheduler": where.scheduler,
-    }
-    robot_options = {"turn": turn != TURN_S, "dither": dither != "designed"}
-    robot_options |= {f.name: getattr(robot, f.name) != f.default for f in fields(RobotOptions)}
-    refuse_others(hexapod_options, robot_options, is_robot=model is not None, events=events)
+    of_hexapod = {"hours": hours != HOURS, "controller": controller, "scheduler": where.scheduler}
+    of_robot = {"turn": turn != TURN_S, "dither": dither != "designed"}
+    of_robot |= {f.name: getattr(robot, f.name) != f.default for f in fields(RobotOptions)}
+    refuse_others(of_hexapod, of_robot, is_robot=model is not None, events=events)
     if controller is not None:
         controller_factory(controller)  # raises for a wrong name, before anything runs
     jobs = list[Job]()

@@ -193,10 +193,8 @@ def checks(settings: Mapping[str, Any], rows: pd.DataFrame, tables: Tables) -> l
     limit_m, is_large = settings["closure_limit_m"], rows.peak_supervised_since > LARGE_ERROR
     gap_m = rows.closure_residual_max_m.fillna(0.0)
     # Runs with the largest sizes of a mismatch have unstable loops.
-    near_m, large_m = (
-        gap_m.where(~is_large & (rows.sort != "size"), 0.0),
-        gap_m.where(is_large, 0.0),
-    )
+    near_m = gap_m.where(~is_large & (rows.sort != "size"), 0.0)
+    large_m = gap_m.where(is_large, 0.0)
     if "shown" in tables:
         near_m = pd.concat([near_m, tables["shown"].closure_residual_max_m])
     other_ended = rows[["informed_ended", "unaware_ended"]].notna().any(axis=1)
@@ -223,10 +221,8 @@ def checks(settings: Mapping[str, Any], rows: pd.DataFrame, tables: Tables) -> l
 
 def goals(tables: Tables) -> list[Check]:
     """Return checks of the hexapod's failures and recorded runs, and of another controller."""
-    stability, [healthy], [pairs] = (
-        tables["beliefs"],
-        *(tables[name].itertuples() for name in ("healthy", "pairs")),
-    )
+    stability = tables["beliefs"]
+    [healthy], [pairs] = (tables[name].itertuples() for name in ("healthy", "pairs"))
     worst = stability.iloc[greatest(stability.sensitivity_peak)]
     failures = tables["by_mismatch"].query("factor == 1.0").set_index("mismatch")
     isolated = "share of the isolable failures that is not identified"
