@@ -108,12 +108,6 @@ def tasks_of(robot: Robot, case: Case) -> list[list[TaskFunction]]:
     return levels
 
 
-def ik_arguments(robot: Robot, case: Case) -> tuple[Ik, mujoco.MjData]:
-    """Return the arguments of `ik_tick`: solver and state."""
-    limits = Limits(velocity=RATE_LIMIT)
-    return Ik(robot.model, tasks_of(robot, case), limits, active=robot.active), case.data
-
-
 def ik_tick(ik: Ik, data: mujoco.MjData) -> Array:
     """Solve one tick with `Ik`; return the velocities (nv,)."""
     return ik.step(data, PERIOD_S)
@@ -155,7 +149,11 @@ def ik(name: str, rng: np.random.Generator) -> dict[str, Candidate]:
     """Return one tick of `Ik` and of mink as candidates that agree in all tasks but the posture."""
     robot = ROBOTS[name]
     cases = [random_case(robot, rng) for _ in range(8)]
-    problems = [ik_arguments(robot, case) for case in cases]
+    limits = Limits(velocity=RATE_LIMIT)
+    solvers = [
+        Ik(robot.model, tasks_of(robot, case), limits, active=robot.active) for case in cases
+    ]
+    problems = [(solver, case.data) for solver, case in zip(solvers, cases, strict=True)]
     mink_problems = [mink_arguments(robot, case) for case in cases]
     velocities: dict[str, list[Array]] = {"ours": [], "targets": [], "mink": []}
     for case, problem, mink_problem in zip(cases, problems, mink_problems, strict=True):

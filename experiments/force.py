@@ -358,10 +358,9 @@ def _press(
     }
     reaction = pd.DataFrame(columns).to_dict("records") if condition.kind == "locked" else []
     arrays = {"torques_n": solution.torques, "wrench": solution.wrench, "strut_n": solution.strut}
-    return {"theorems": [row], "reaction": reaction}, prefixed(
-        f"{condition} theorem {theorem}",
-        arrays | prefixed("pressed", pressed._asdict()) | prefixed("held", loaded._asdict()),
-    )
+    arrays |= prefixed("pressed", pressed._asdict()) | prefixed("held", loaded._asdict())
+    where = f"{condition} theorem {theorem}"
+    return {"theorems": [row], "reaction": reaction}, prefixed(where, arrays)
 
 
 def _load(

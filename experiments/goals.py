@@ -200,10 +200,8 @@ def goals(
         "recordings": [f"{goal.name}.rrd" for goal in GOALS],
     }
     pairs = [(goal, strategy, runs[goal.name]) for goal in GOALS for strategy in compared]
-    angles = pd.concat(
-        [angle_rows(goal, how, its[how.name], its[REFERENCE]) for goal, how, its in pairs],
-        ignore_index=True,
-    )
+    by_run = [angle_rows(goal, how, its[how.name], its[REFERENCE]) for goal, how, its in pairs]
+    angles = pd.concat(by_run, ignore_index=True)
     tables = {
         "runs": pd.DataFrame([run_row(goal, how, its[how.name]) for goal, how, its in pairs]),
         "angles": angles,

@@ -114,11 +114,6 @@ strut rates (6,) [m]/[s], theta_ad of eq. (24)."""
 # Desired rates and weights of the goals.
 
 
-def joint_weights(temperature_c: Array) -> Array:
-    """Return the diagonal of W1 for coil temperatures (6,), a smooth step from 1 to HEAVIEST."""
-    return 1.0 + (HEAVIEST - 1.0) * smooth_step((temperature_c - WARM_C) / (LIMIT_C - WARM_C))
-
-
 def rates_from_stops(displacements_m: Array, stroke_m: float) -> Array:
     """Return desired strut rates (6,) [m]/[s] away from stops, zero if no stop is near.
 
@@ -289,7 +284,9 @@ class Seeker:
         steering, drives, period_s = state.steering, state.steering.drives, BENCH.control_period_s
         temperature_c = COILS.step(state.temperature_c, drives.current_a(state.inputs), period_s)
         if self.reweighs and state.ticks % REWEIGH_TICKS == 0:
-            steering = self.controller_for(Goal(joint_weight=tuple(joint_weights(temperature_c))))
+            heat = smooth_step((temperature_c - WARM_C) / (LIMIT_C - WARM_C))
+            weights = 1.0 + (HEAVIEST - 1.0) * heat
+            steering = self.controller_for(Goal(joint_weight=tuple(weights)))
         moved_m = period_s * self.rates(drives.displacements(state.inputs), state.pose)
         reference_m = state.secondary_reference + moved_m
         corrected = without_roll(measurement, state.pose)

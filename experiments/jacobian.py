@@ -177,15 +177,8 @@ def variation(
     def objective(struts: Array) -> Array:
         return -relative_change(geometry, stroke_m * struts.T, norm, reading)
 
-    best = differential_evolution(
-        objective,
-        bounds=[(-1.0, 1.0)] * 6,
-        init=VERTICES,
-        maxiter=60,
-        vectorized=True,
-        updating="deferred",
-        rng=seed,
-    )
+    bounds, at_once = [(-1.0, 1.0)] * 6, {"vectorized": True, "updating": "deferred"}
+    best = differential_evolution(objective, bounds, init=VERTICES, maxiter=60, rng=seed, **at_once)
     # By symmetry several vertices have the same value: take the first.
     at_vertices = -objective(VERTICES.T)
     first = greatest(at_vertices)

@@ -261,13 +261,10 @@ def simulate(
     )
     raising = partial(controller.step, secondary_reference=condition.raised_m)
     start_m = [condition.locked_at.get(strut, 0.0) for strut in range(6)]
-    return hexapod_rig(testbed, start_m=np.array(start_m)).fly(
-        SimpleNamespace(start=controller.start, step=raising),
-        path_rad,
-        failures=condition.failures,
-        seed=seed,
-        lead_in_s=LEAD_IN_S,
-    )
+    raised = SimpleNamespace(start=controller.start, step=raising)
+    options: dict[str, Any] = {"failures": condition.failures, "seed": seed}
+    rig = hexapod_rig(testbed, start_m=np.array(start_m))
+    return rig.fly(raised, path_rad, lead_in_s=LEAD_IN_S, **options)
 
 
 def spiral_row(
@@ -466,13 +463,12 @@ def limits(
     runs = dict(zip(cases, done[len(arm) :], strict=True))
     rows = [spiral_row(testbed, *key, run, runs[key[0], loop[-1]]) for key, run in runs.items()]
     limited = [how for how in loop if how.slowness == 1.0 and how.kind != "unlimited"]
+    excess = [excess_row(testbed, conditions, how, seed) for how in limited]
     tables = {
         "spirals": over_strict(rows, "rms_urad"),
         "arm": over_strict([arm_row(how, motions[how.name]) for how in arm], "rms_mrad"),
         "conditions": pd.DataFrame([condition_row(testbed, c, path_rad) for c in conditions]),
-        "out_of_reach": pd.DataFrame(
-            [excess_row(testbed, conditions, how, seed) for how in limited]
-        ),
+        "out_of_reach": pd.DataFrame(excess),
     }
     spirals = {"time_s": BENCH.time_s(duration_s), "desired_rad": path_rad}
     for (condition, strategy), run in runs.items():

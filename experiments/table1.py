@@ -420,15 +420,8 @@ def record(
         predicted=(predicted, predicted),
         checks=checked,
     )
-    write_run(
-        folder / row["recording"],
-        rig,
-        run,
-        about,
-        arrays=hexapod_arrays(run),
-        known=known,
-        machine_file=machine_file,
-    )
+    path, arrays = folder / row["recording"], hexapod_arrays(run)
+    write_run(path, rig, run, about, arrays=arrays, known=known, machine_file=machine_file)
 
 
 # The figures.

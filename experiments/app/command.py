@@ -28,13 +28,12 @@ def command(study: Study) -> Callable[..., None]:
     def run(*, out: Path, quiet: bool, **values: Any) -> None:
         result, summary = conduct(study, out, show=not quiet, **values)
         if not quiet:
-            print_summary(
-                result.checked,
-                *_next_steps(name, result, summary, out, values),
-                tables=result.views,
-                notes=result.notes,
-                more=f"More in {out / name}.md",
+            steps, more = (
+                _next_steps(name, result, summary, out, values),
+                f"More in {out / name}.md",
             )
+            contents = {"tables": result.views, "notes": result.notes, "more": more}
+            print_summary(result.checked, *steps, **contents)
         if failed := result.failed:
             raise Unsound(f"a check failed: {failed[0]}")
 
