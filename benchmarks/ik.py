@@ -149,11 +149,10 @@ def ik(name: str, rng: np.random.Generator) -> dict[str, Candidate]:
     """Return one tick of `Ik` and of mink as candidates that agree in all tasks but the posture."""
     robot = ROBOTS[name]
     cases = [random_case(robot, rng) for _ in range(8)]
-    limits = Limits(velocity=RATE_LIMIT)
-    solvers = [
-        Ik(robot.model, tasks_of(robot, case), limits, active=robot.active) for case in cases
+    limits, active = Limits(velocity=RATE_LIMIT), robot.active
+    problems = [
+        (Ik(robot.model, tasks_of(robot, case), limits, active=active), case.data) for case in cases
     ]
-    problems = [(solver, case.data) for solver, case in zip(solvers, cases, strict=True)]
     mink_problems = [mink_arguments(robot, case) for case in cases]
     velocities: dict[str, list[Array]] = {"ours": [], "targets": [], "mink": []}
     for case, problem, mink_problem in zip(cases, problems, mink_problems, strict=True):

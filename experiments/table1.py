@@ -56,9 +56,6 @@ MISMATCH_TOLERANCE = 0.1
 """Largest relative distance of an RMS error from the nominal linear model's on the same floor."""
 
 
-# The runs.
-
-
 def table1(
     *,
     seed: Annotated[int, seed_of("the detector noise")] = 0,
@@ -211,9 +208,6 @@ def predicted_rad(
     return predicted.rms
 
 
-# The rows.
-
-
 def of_angles(key: str) -> list[str]:
     """Return the keys for alpha and beta, with the angle in place of `*`."""
     return [key.replace("*", angle) for angle in ANGLES]
@@ -287,9 +281,6 @@ def further_runs(columns: pd.DataFrame, runs: Mapping[tuple[str, str], Run]) -> 
         rows.append({"runs": "mismatched", "largest_relative_difference": np.nanmax(relative)})
     gaps_m = pd.Series({key: run.closure_max_m for key, run in runs.items()}).groupby(level=0).max()
     return pd.DataFrame(rows).assign(closure_residual_max_m=lambda frame: frame.runs.map(gaps_m))
-
-
-# Checks and tables.
 
 
 def checks(columns: pd.DataFrame, further: pd.DataFrame, duration_s: float) -> list[Check]:
@@ -423,8 +414,6 @@ def record(
     path, arrays = folder / row["recording"], hexapod_arrays(run)
     write_run(path, rig, run, about, arrays=arrays, known=known, machine_file=machine_file)
 
-
-# The figures.
 
 SECONDARY = (
     ("$t_x$, µm", 1, BLUE),

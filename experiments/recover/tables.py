@@ -185,9 +185,6 @@ def per_hour(name: str, count: int, hours: float) -> dict[str, float]:
     return {f"{key}_rate": rate, f"{key}_low_95": low, f"{key}_high_95": high}
 
 
-# Checks.
-
-
 def checks(settings: Mapping[str, Any], rows: pd.DataFrame, tables: Tables) -> list[Check]:
     """Return checks of closure, completed runs, errors increased by diagnosis, and the goals."""
     limit_m, is_large = settings["closure_limit_m"], rows.peak_supervised_since > LARGE_ERROR
@@ -252,9 +249,6 @@ def goals(tables: Tables) -> list[Check]:
         what = f"number of runs in which it failed ({other.failure or 'none'})"
         result += check(what, other.failed, 0.5, f"controller {other.name}")
     return result
-
-
-# Printed tables.
 
 
 def printed_tables(tables: Tables) -> list[TableView]:
