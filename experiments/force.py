@@ -331,6 +331,7 @@ def _press(
     pressed = simulate_load(model, condition.failures, solution.torques)
     loaded = simulate_load(model, condition.failures, solution.torques, solution.wrench)
     fixture = pressed.fixture[:, -1]
+    deviation = (fixture - solution.wrench) @ solution.span
     # Displacement of the payload if the springs alone balanced the load.
     springs_alone = np.linalg.solve(payload_stiffness(load_model()), solution.wrench.T).T
     row = {
@@ -340,9 +341,7 @@ def _press(
         "exact": solution.exact,
         "cost_excess": solution.cost_excess.max(),
         "torque_peak_n": np.abs(solution.torques).max(),
-        "pressed_off_percent": percent(
-            (fixture - solution.wrench) @ solution.span, solution.wrench
-        ),
+        "pressed_off_percent": percent(deviation, solution.wrench),
         "pressed_major_off_percent": difference_percent(fixture[:, MAJOR], targets[:, MAJOR]),
         "held_off_percent": difference_percent(loaded.strut_n[:, -1], solution.strut),
         "moved_percent": percent(loaded.displacement[:, -1], springs_alone),

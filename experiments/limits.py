@@ -262,9 +262,8 @@ def simulate(
     raising = partial(controller.step, secondary_reference=condition.raised_m)
     start_m = [condition.locked_at.get(strut, 0.0) for strut in range(6)]
     raised = SimpleNamespace(start=controller.start, step=raising)
-    options: dict[str, Any] = {"failures": condition.failures, "seed": seed}
-    rig = hexapod_rig(testbed, start_m=np.array(start_m))
-    return rig.fly(raised, path_rad, lead_in_s=LEAD_IN_S, **options)
+    rig, failures = hexapod_rig(testbed, start_m=np.array(start_m)), condition.failures
+    return rig.fly(raised, path_rad, failures=failures, seed=seed, lead_in_s=LEAD_IN_S)
 
 
 def spiral_row(

@@ -40,8 +40,8 @@ Exit codes:
 """
 
 # The command prints its own message instead of MuJoCo's warnings.
-_simulation = logging.getLogger(f"{__name__.removesuffix('experiments.app.cli')}sim")
-_simulation.addHandler(logging.NullHandler())
+_sim_logger = logging.getLogger(f"{__name__.removesuffix('experiments.app.cli')}sim")
+_sim_logger.addHandler(logging.NullHandler())
 
 
 def _print_version(requested: bool) -> None:
