@@ -499,9 +499,7 @@ def jacobian(
 def checks(tables: dict[str, pd.DataFrame], from_mjcf: float) -> list[Check]:
     """Return checks of the bound, within 2 % of the value, and of runs against geometry.
 
-    Args:
-        tables: Tables of the study, with or without closed-loop runs.
-        from_mjcf: Largest difference of eq. (39) from geometry and MJCF.
+    `from_mjcf` is the largest difference of eq. (39) from geometry and MJCF.
     """
     values = tables["variation"].assign(norm=tables["variation"].norm + " norm").set_index("norm")
     over, where = values.value / values.certified_upper_bound, "eq. (40)"

@@ -41,9 +41,7 @@ def noise_of(rig: Rig) -> float:
 def grouped(rows: pd.DataFrame, noise: float) -> dict[str, pd.DataFrame]:
     """Return tables of statistics: by mismatch and size, kind of failure, event, and other sorts.
 
-    Args:
-        rows: Rows of the dataset, with columns of another controller if there is one.
-        noise: Result of :func:`noise_of`.
+    `noise` is the result of :func:`noise_of`.
     """
     has_fault = rows.sort.isin(["failure", "size", "event"])
     groups = {
