@@ -161,7 +161,7 @@ class Clearance:
         self._obstacle, self._cell = model.geom("obstacle").id, model.geom("mirror_cell").id
 
     def __call__(self, pose: Pose) -> tuple[float, Array]:
-        """Return the clearance [m], negative if they overlap, and its direction (3,), base axes."""
+        """Return the clearance [m], negative for overlap, and direction (3,) away, in base axes."""
         turn, at = self._to_world @ pose.rotation @ self._to_world.T, self._joint
         self._data.qpos[:] = self._model.qpos0
         self._data.qpos[at : at + 3] += self._to_world @ pose.translation_m
