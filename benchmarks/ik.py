@@ -108,12 +108,6 @@ def tasks_of(robot: Robot, case: Case) -> list[list[TaskFunction]]:
     return levels
 
 
-def ik_arguments(robot: Robot, case: Case) -> tuple[Ik, mujoco.MjData]:
-    """Return the arguments of `ik_tick`: solver and state."""
-    limits = Limits(velocity=RATE_LIMIT)
-    return Ik(robot.model, tasks_of(robot, case), limits, active=robot.active), case.data
-
-
 def ik_tick(ik: Ik, data: mujoco.MjData) -> Array:
     """Solve one tick with `Ik`; return the velocities (nv,)."""
     return ik.step(data, PERIOD_S)
@@ -122,9 +116,8 @@ def ik_tick(ik: Ik, data: mujoco.MjData) -> Array:
 def mink_arguments(robot: Robot, case: Case) -> tuple[Any, ...]:
     """Return the arguments of `mink_tick`: configuration, positions, tasks and limits."""
     model = robot.model
-    tasks: list[Any] = [
-        _frame(foot, pose, 1.0 if robot.balances else 0.0) for foot, pose in case.feet.items()
-    ]
+    turn = 1.0 if robot.balances else 0.0
+    tasks: list[Any] = [_frame(foot, pose, turn) for foot, pose in case.feet.items()]
     if robot.balances:
         center = mink.ComTask(cost=[1.0, 1.0, 0.0])
         center.set_target(case.center)
@@ -156,7 +149,10 @@ def ik(name: str, rng: np.random.Generator) -> dict[str, Candidate]:
     """Return one tick of `Ik` and of mink as candidates that agree in all tasks but the posture."""
     robot = ROBOTS[name]
     cases = [random_case(robot, rng) for _ in range(8)]
-    problems = [ik_arguments(robot, case) for case in cases]
+    limits, active = Limits(velocity=RATE_LIMIT), robot.active
+    problems = [
+        (Ik(robot.model, tasks_of(robot, case), limits, active=active), case.data) for case in cases
+    ]
     mink_problems = [mink_arguments(robot, case) for case in cases]
     velocities: dict[str, list[Array]] = {"ours": [], "targets": [], "mink": []}
     for case, problem, mink_problem in zip(cases, problems, mink_problems, strict=True):

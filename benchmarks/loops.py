@@ -26,22 +26,19 @@ def loop(name: str, rng: np.random.Generator) -> dict[str, Candidate]:
     if name in MAJOR:
         rig = Rig.of_mjcf(MODELS / f"{name}.xml", site="payload", major=MAJOR[name])
     path, seed = rig.path("circle", duration_s=DURATION_S), int(rng.integers(2**32))
-    demands = rig.feedforward_demands(path)
+    demands, ticks = rig.feedforward_demands(path), len(path)
 
     def bench() -> Bench:
-        return rig.bench(np.arange(len(path)) * rig.period_s, (), seed)
+        return rig.bench(np.arange(ticks) * rig.period_s, (), seed)
 
     def loop_candidate(controller: Any) -> Candidate:
-        return Candidate(
-            run_loop, lambda: [(bench(), controller, path, demands)], len(path), rounds=1
-        )
+        return Candidate(run_loop, lambda: [(bench(), controller, path, demands)], ticks, rounds=1)
 
     plant = bench().plant
-    model, steps = plant.model, len(path) * round(rig.period_s / plant.model.opt.timestep)
+    model, steps = plant.model, ticks * round(rig.period_s / plant.model.opt.timestep)
+    physics = Candidate(mujoco.mj_step, lambda: [(model, copy(plant.data), steps)], ticks, rounds=1)
     return {
-        "physics": Candidate(
-            mujoco.mj_step, lambda: [(model, copy(plant.data), steps)], len(path), rounds=1
-        ),
+        "physics": physics,
         "loop": loop_candidate(rig.controller()),
         "supervised": loop_candidate(rig.supervisor()),
     }

@@ -8,7 +8,7 @@ its right palm in six directions, its centre of mass in the two horizontal ones.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import mink
@@ -61,16 +61,12 @@ class Robot:
         return self.model.jnt_dofadr[self.model.actuator_trnid[:, 0]]
 
 
-_ARM, _HUMANOID = range(6), range(8)
+_humanoid = partial(Robot, "humanoid", "right_hand", range(8), spread=1.0)
 ROBOTS = {
     "hexapod": Robot("fjh", "payload", (0, 1), offset=1e-5, axes="base", locked=(0,)),
-    "arm": Robot("arm", "payload", _ARM, spread=2.0),
-    "humanoid_one_foot": Robot(
-        "humanoid", "right_hand", _HUMANOID, spread=1.0, feet=("left_foot",)
-    ),
-    "humanoid": Robot(
-        "humanoid", "right_hand", _HUMANOID, spread=1.0, feet=("left_foot", "right_foot")
-    ),
+    "arm": Robot("arm", "payload", range(6), spread=2.0),
+    "humanoid_one_foot": _humanoid(feet=("left_foot",)),
+    "humanoid": _humanoid(feet=("left_foot", "right_foot")),
 }
 
 

@@ -134,14 +134,8 @@ class Solver:
 
 
 def _map(problem: Problem) -> Array:
-    mapping = velocity_mapping(
-        problem.J,
-        major=MAJOR,
-        secondary=SECONDARY,
-        joint_weight=problem.joint_weight,
-        secondary_weight=problem.secondary_weight,
-        rate_limits=problem.limits,
-    )
+    weights = problem.joint_weight, problem.secondary_weight
+    mapping = velocity_mapping(problem.J, MAJOR, SECONDARY, *weights, rate_limits=problem.limits)
     return mapping(problem.major, problem.joint, problem.secondary)
 
 
@@ -214,16 +208,8 @@ def batch(rng: np.random.Generator) -> dict[str, Candidate]:
     """Return the candidates for 10,000 instances of Problem 1, which daqp solves one by one."""
     size, count = 10_000, 64
     batched = random_problem(6, rng, (size,))
-    single = [
-        replace(
-            batched,
-            J=batched.J[k],
-            major=batched.major[k],
-            joint=batched.joint[k],
-            secondary=batched.secondary[k],
-        )
-        for k in range(count)
-    ]
+    arrays = {name: getattr(batched, name) for name in ("J", "major", "joint", "secondary")}
+    single = [replace(batched, **{name: A[k] for name, A in arrays.items()}) for k in range(count)]
     check_agreement({"ours": _map(batched)[:count], "daqp": DAQP.solutions(single)}, TOLERANCE)
     return {"ours": PRIORITIZED.candidate([batched], size), "daqp": DAQP.candidate(single)}
 

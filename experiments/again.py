@@ -31,10 +31,7 @@ def repeat_run(folder: Path | str, case: int) -> tuple[Run, pd.DataFrame]:
         WrongInput: The folder has no such dataset or run, or the run cannot be repeated.
     """
     contents = [read_json(file) for file in sorted(Path(folder).glob("*.json"))]
-    summary = next(
-        (content for content in contents if isinstance(content, dict) and "dataset" in content),
-        None,
-    )
+    summary = next((one for one in contents if isinstance(one, dict) and "dataset" in one), None)
     rows = pd.DataFrame() if summary is None else runs_of(Path(folder), summary)
     stored = rows[rows.case == case] if len(rows) else rows
     if summary is None or stored.empty:

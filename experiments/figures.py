@@ -203,14 +203,9 @@ def figure_atlas(classes: Sequence[Classification]) -> Figure:
 def _map(axes: Axes, classes: Sequence[Classification]) -> None:
     """Plot a map of conditions: struts 1 to 3 down the rows, 4 to 6 along the columns."""
     number = np.argmax([entry.holds for entry in classes], axis=0)  # noqa: TID251 - truth values
-    axes.pcolormesh(
-        number.reshape(27, 27),
-        cmap=ListedColormap([entry.color for entry in classes]),
-        vmin=-0.5,
-        vmax=len(classes) - 0.5,
-        edgecolors="white",
-        linewidth=0.4,
-    )
+    colors = ListedColormap([entry.color for entry in classes])
+    style: dict[str, Any] = {"cmap": colors, "vmin": -0.5, "vmax": len(classes) - 0.5}
+    axes.pcolormesh(number.reshape(27, 27), **style, edgecolors="white", linewidth=0.4)
     axes.set(aspect="equal", xlim=(-3.2, 27), ylim=(27, -3.2))
     axes.set_title("Each condition: S healthy, L locked, F free")
     axes.axis("off")
@@ -232,17 +227,12 @@ def _by_failures(axes: Axes, classes: Sequence[Classification]) -> None:
     left, rows = np.zeros(len(conditions)), range(len(conditions))
     for entry in classes:
         ink = "white" if entry.color in (BLACK, BLUE) else BLACK
-        count = entry.by_failures
-        share = 100 * count / conditions
+        count, share = entry.by_failures, 100 * entry.by_failures / conditions
         axes.barh(rows, share, left=left, color=entry.color, ec="white", lw=0.4)
         for k in np.flatnonzero(share > 4).tolist():
             middle = float(left[k] + share[k] / 2)
             axes.text(middle, k, str(count[k]), ha="center", va="center", color=ink)
         left += share
-    axes.set(
-        ylim=(len(rows) - 0.4, -0.6),
-        xlim=(0, 100),
-        xlabel="share of the conditions with that many failures, %",
-        ylabel="number of failed struts, locked or free",
-    )
+    axes.set(xlim=(0, 100), xlabel="share of the conditions with that many failures, %")
+    axes.set(ylim=(len(rows) - 0.4, -0.6), ylabel="number of failed struts, locked or free")
     axes.grid(False)

@@ -25,13 +25,7 @@ from fjh.study.palette import BLACK, BLUE, PURPLE, VERMILION
 from fjh.study.plotting import PAGE_IN, new_figure, one_legend
 from fjh.study.result import Check, Picture, Result, TableView, check, origin
 from fjh.study.workers import in_parallel
-from prioritized import (
-    ConstrainedSystem,
-    Kinematics,
-    Status,
-    canonical_basis,
-    force_mapping,
-)
+from prioritized import ConstrainedSystem, Kinematics, Status, canonical_basis, force_mapping
 from sim import HEXAPOD_MJCF, NOMINAL, Array, Failure, Plant, jacobians, load_model
 from sim.mjcf import weightless
 from sim.plant import FailureKind, failed_plant
@@ -337,6 +331,7 @@ def _press(
     pressed = simulate_load(model, condition.failures, solution.torques)
     loaded = simulate_load(model, condition.failures, solution.torques, solution.wrench)
     fixture = pressed.fixture[:, -1]
+    deviation = (fixture - solution.wrench) @ solution.span
     # Displacement of the payload if the springs alone balanced the load.
     springs_alone = np.linalg.solve(payload_stiffness(load_model()), solution.wrench.T).T
     row = {
@@ -346,9 +341,7 @@ def _press(
         "exact": solution.exact,
         "cost_excess": solution.cost_excess.max(),
         "torque_peak_n": np.abs(solution.torques).max(),
-        "pressed_off_percent": percent(
-            (fixture - solution.wrench) @ solution.span, solution.wrench
-        ),
+        "pressed_off_percent": percent(deviation, solution.wrench),
         "pressed_major_off_percent": difference_percent(fixture[:, MAJOR], targets[:, MAJOR]),
         "held_off_percent": difference_percent(loaded.strut_n[:, -1], solution.strut),
         "moved_percent": percent(loaded.displacement[:, -1], springs_alone),
@@ -364,10 +357,9 @@ def _press(
     }
     reaction = pd.DataFrame(columns).to_dict("records") if condition.kind == "locked" else []
     arrays = {"torques_n": solution.torques, "wrench": solution.wrench, "strut_n": solution.strut}
-    return {"theorems": [row], "reaction": reaction}, prefixed(
-        f"{condition} theorem {theorem}",
-        arrays | prefixed("pressed", pressed._asdict()) | prefixed("held", loaded._asdict()),
-    )
+    arrays |= prefixed("pressed", pressed._asdict()) | prefixed("held", loaded._asdict())
+    where = f"{condition} theorem {theorem}"
+    return {"theorems": [row], "reaction": reaction}, prefixed(where, arrays)
 
 
 def _load(
@@ -450,9 +442,8 @@ def compare_torques(moment: Array, rng: np.random.Generator) -> Part:
             "major_off_percent": 100 * error,
         }
         rows += pd.DataFrame(columns).to_dict("records")
-        arrays |= prefixed(
-            f"tradeoff {method}", {"torques": torques, "weighed": weighed_n, "major_off": error}
-        )
+        arrays_of_method = {"torques": torques, "weighed": weighed_n, "major_off": error}
+        arrays |= prefixed(f"tradeoff {method}", arrays_of_method)
     return {"tradeoff": rows}, arrays
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -32,7 +33,7 @@ from fjh.study.palette import BLACK, BLUE, PURPLE, VERMILION
 from fjh.study.plotting import PAGE_IN, logarithmic, new_figure, one_legend
 from fjh.study.provenance import version_properties
 from fjh.study.result import Check, Picture, Result, TableView, check, origin
-from fjh.study.workers import in_parallel
+from fjh.study.workers import call, in_parallel
 from sim import Array, load_model
 
 REFERENCE = "unlimited"
@@ -186,12 +187,9 @@ def goals(
     Example: fjh paper goals --seed 2 --out /tmp/goals
     """
     loops, compared = nominal_loops(load_model(), physics.BENCH), strategies(seed, quick=quick)
-    calls = [
-        {"goal": goal, "strategy": strategy, "duration_s": goal.duration_s[quick], "loops": loops}
-        for goal in GOALS
-        for strategy in compared
-    ]
-    done = iter(in_parallel(_simulate, calls, on_progress))
+    shared = [{"work": goal.simulate, "duration_s": goal.duration_s[quick]} for goal in GOALS]
+    calls = [its | {"strategy": how, "loops": loops} for its, how in product(shared, compared)]
+    done = iter(in_parallel(call, calls, on_progress))
     runs = {goal.name: {strategy.name: next(done) for strategy in compared} for goal in GOALS}
     settings = origin(seed, arm=ARM_MJCF) | {
         "jacobian": "constant",
@@ -202,10 +200,8 @@ def goals(
         "recordings": [f"{goal.name}.rrd" for goal in GOALS],
     }
     pairs = [(goal, strategy, runs[goal.name]) for goal in GOALS for strategy in compared]
-    angles = pd.concat(
-        [angle_rows(goal, how, its[how.name], its[REFERENCE]) for goal, how, its in pairs],
-        ignore_index=True,
-    )
+    by_run = [angle_rows(goal, how, its[how.name], its[REFERENCE]) for goal, how, its in pairs]
+    angles = pd.concat(by_run, ignore_index=True)
     tables = {
         "runs": pd.DataFrame([run_row(goal, how, its[how.name]) for goal, how, its in pairs]),
         "angles": angles,
@@ -220,10 +216,6 @@ def goals(
         arrays={f"{goal.name}.npz": arrays(goal, runs[goal.name]) for goal in GOALS},
         records=[partial(record, goal, runs[goal.name], settings, **tables) for goal in GOALS],
     )
-
-
-def _simulate(goal: SecondaryGoal, strategy: Strategy, duration_s: float, loops: Loops) -> GoalRun:
-    return goal.simulate(strategy, duration_s, loops)
 
 
 def run_row(goal: SecondaryGoal, strategy: Strategy, run: GoalRun) -> dict[str, Any]:
@@ -370,10 +362,8 @@ def record(
         checks=checks(**tables),
         summary=goal.title,
     )
-    file, pair = (
-        folder / f"{goal.name}.rrd",
-        {key: goal_runs[key] for key in ("pursued", "nothing")},
-    )
+    file = folder / f"{goal.name}.rrd"
+    pair = {key: goal_runs[key] for key in ("pursued", "nothing")}
     if goal.on_arm:
         model = load_model(ARM_MJCF)
         scenes = {
@@ -457,9 +447,8 @@ def _measure(axes: Axes, goal: SecondaryGoal, runs: Mapping[str, GoalRun]) -> No
         axes.plot(runs[name].time_s, measure, markevery=[place], **style)
         worst[name] = round(float(measure[place]), 1) + 0.0
     axes.axhline(goal.limit, color=BLACK, ls="-.", label="limit")
-    axes.set_title(
-        f"{goal.title}:\n{worst['pursued']:g}{unit} when pursued, {worst['nothing']:g} when not"
-    )
+    text = f"{worst['pursued']:g}{unit} when pursued, {worst['nothing']:g} when not"
+    axes.set_title(f"{goal.title}:\n{text}")
     axes.set(xlabel="time, s", ylabel=goal.label)
     if not unit:
         logarithmic(axes, "y")

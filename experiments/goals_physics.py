@@ -114,11 +114,6 @@ strut rates (6,) [m]/[s], theta_ad of eq. (24)."""
 # Desired rates and weights of the goals.
 
 
-def joint_weights(temperature_c: Array) -> Array:
-    """Return the diagonal of W1 for coil temperatures (6,), a smooth step from 1 to HEAVIEST."""
-    return 1.0 + (HEAVIEST - 1.0) * smooth_step((temperature_c - WARM_C) / (LIMIT_C - WARM_C))
-
-
 def rates_from_stops(displacements_m: Array, stroke_m: float) -> Array:
     """Return desired strut rates (6,) [m]/[s] away from stops, zero if no stop is near.
 
@@ -166,10 +161,7 @@ class Clearance:
         self._obstacle, self._cell = model.geom("obstacle").id, model.geom("mirror_cell").id
 
     def __call__(self, pose: Pose) -> tuple[float, Array]:
-        """Return the clearance [m], negative for overlap, and the direction (3,) away.
-
-        The vector has base axes.
-        """
+        """Return the clearance [m], negative for overlap, and direction (3,) away, in base axes."""
         turn, at = self._to_world @ pose.rotation @ self._to_world.T, self._joint
         self._data.qpos[:] = self._model.qpos0
         self._data.qpos[at : at + 3] += self._to_world @ pose.translation_m
@@ -225,13 +217,11 @@ def controller_for(
 
     The Jacobian is constant; within the stroke its pointing error is less than that by noise.
     """
-    allocate = None
-    if major_weight is not None:
-        allocate = compromising(goal, MAJOR, SECONDARY, major_weight)
+    strict = major_weight is None
+    allocate = None if strict else compromising(goal, MAJOR, SECONDARY, major_weight)
     mapping = StrutMapping(hexapod(testbed.model), goal, "constant", allocate=allocate)
-    return PrioritizedController(
-        testbed.loops, mapping, testbed.amplifier(), testbed.bench.handover_s
-    )
+    amplifier, handover_s = testbed.amplifier(), testbed.bench.handover_s
+    return PrioritizedController(testbed.loops, mapping, amplifier, handover_s)
 
 
 def without_roll(measurement: Measurement, pose: Pose) -> Measurement:
@@ -291,7 +281,9 @@ class Seeker:
         steering, drives, period_s = state.steering, state.steering.drives, BENCH.control_period_s
         temperature_c = COILS.step(state.temperature_c, drives.current_a(state.inputs), period_s)
         if self.reweighs and state.ticks % REWEIGH_TICKS == 0:
-            steering = self.controller_for(Goal(joint_weight=tuple(joint_weights(temperature_c))))
+            heat = smooth_step((temperature_c - WARM_C) / (LIMIT_C - WARM_C))
+            weights = 1.0 + (HEAVIEST - 1.0) * heat
+            steering = self.controller_for(Goal(joint_weight=tuple(weights)))
         moved_m = period_s * self.rates(drives.displacements(state.inputs), state.pose)
         reference_m = state.secondary_reference + moved_m
         corrected = without_roll(measurement, state.pose)

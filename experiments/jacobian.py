@@ -177,15 +177,8 @@ def variation(
     def objective(struts: Array) -> Array:
         return -relative_change(geometry, stroke_m * struts.T, norm, reading)
 
-    best = differential_evolution(
-        objective,
-        bounds=[(-1.0, 1.0)] * 6,
-        init=VERTICES,
-        maxiter=60,
-        vectorized=True,
-        updating="deferred",
-        rng=seed,
-    )
+    bounds, at_once = [(-1.0, 1.0)] * 6, {"vectorized": True, "updating": "deferred"}
+    best = differential_evolution(objective, bounds, init=VERTICES, maxiter=60, rng=seed, **at_once)
     # By symmetry several vertices have the same value: take the first.
     at_vertices = -objective(VERTICES.T)
     first = greatest(at_vertices)
@@ -404,10 +397,8 @@ def cost_rows(runs: pd.DataFrame) -> pd.DataFrame:
     constant = scaled_runs(runs).xs("constant", axis=1, level="variant").reset_index()
     log, rows = np.log(constant[[*sizes, *COSTS]].astype(float)), []
     for what, percent in product(COSTS, COSTS_PERCENT):
-        interpolated = [
-            np.interp(np.log(percent), log[what], log[k], np.nan, np.nan) for k in sizes
-        ]
-        sizes_there = dict(zip(sizes, np.exp(interpolated), strict=True))
+        log_sizes = [np.interp(np.log(percent), log[what], log[k], np.nan, np.nan) for k in sizes]
+        sizes_there = dict(zip(sizes, np.exp(log_sizes), strict=True))
         rows.append({"cost": what, "percent": percent} | sizes_there)
     return pd.DataFrame(rows).dropna(ignore_index=True)
 
@@ -435,10 +426,8 @@ def record(
         | asdict(case),
         checks=checks,
     )
-    arrays, known = hexapod_arrays(run), "known to the mapping"
-    write_run(
-        folder / row["recording"], hexapod_rig(testbed), run, about, arrays=arrays, known=known
-    )
+    path, arrays = folder / row["recording"], hexapod_arrays(run)
+    write_run(path, hexapod_rig(testbed), run, about, arrays=arrays, known="known to the mapping")
 
 
 # The study.
@@ -448,12 +437,9 @@ def jacobian(
     *,
     seed: Annotated[int, seed_of("the searches and the detector noise")] = 0,
     quick: Annotated[
-        bool,
-        Option(help="Fewer local searches; with --loop three sizes of the spiral, 4 s each."),
+        bool, Option(help="Fewer local searches; with --loop three sizes of the spiral, 4 s each.")
     ] = False,
-    loop: Annotated[
-        bool, Option(help="Also simulate spirals of increasing size: 5 minutes.")
-    ] = False,
+    loop: Annotated[bool, Option("Also simulate spirals of increasing size: 5 minutes.")] = False,
     on_progress: OnProgress,
 ) -> Result:
     """Compute how much the Jacobian varies over the stroke, eq. (40), with a proof.
@@ -513,9 +499,7 @@ def jacobian(
 def checks(tables: dict[str, pd.DataFrame], from_mjcf: float) -> list[Check]:
     """Return checks of the bound, within 2 % of the value, and of runs against geometry.
 
-    Args:
-        tables: Tables of the study, with or without closed-loop runs.
-        from_mjcf: Largest difference of eq. (39) from geometry and MJCF.
+    `from_mjcf` is the largest difference of eq. (39) from geometry and MJCF.
     """
     values = tables["variation"].assign(norm=tables["variation"].norm + " norm").set_index("norm")
     over, where = values.value / values.certified_upper_bound, "eq. (40)"

@@ -237,9 +237,8 @@ def strut_mapping(testbed: Testbed, condition: Condition, strategy: Strategy) ->
     if strategy.kind != "unlimited":
         limits, arguments = limits_of(testbed), {"major": MAJOR, "secondary": SECONDARY}
         solve_rates = partial(allocation(strategy), limits=limits, **arguments)
-    return StrutMapping(
-        hexapod(testbed.model), goal, "constant", limits=limits, allocate=solve_rates
-    )
+    geometry = hexapod(testbed.model)
+    return StrutMapping(geometry, goal, "constant", limits=limits, allocate=solve_rates)
 
 
 def simulate(
@@ -262,13 +261,9 @@ def simulate(
     )
     raising = partial(controller.step, secondary_reference=condition.raised_m)
     start_m = [condition.locked_at.get(strut, 0.0) for strut in range(6)]
-    return hexapod_rig(testbed, start_m=np.array(start_m)).fly(
-        SimpleNamespace(start=controller.start, step=raising),
-        path_rad,
-        failures=condition.failures,
-        seed=seed,
-        lead_in_s=LEAD_IN_S,
-    )
+    raised = SimpleNamespace(start=controller.start, step=raising)
+    rig, failures = hexapod_rig(testbed, start_m=np.array(start_m)), condition.failures
+    return rig.fly(raised, path_rad, failures=failures, seed=seed, lead_in_s=LEAD_IN_S)
 
 
 def spiral_row(
@@ -393,7 +388,9 @@ def move_arm(strategy: Strategy, duration_s: float) -> dict[str, Array]:
             system = system.with_failures(locked=[LOCKED])
         kinematics = system.at(J_T=reader.at(data).J_T).kinematics()
         camera = camera_axes(data)
-        turn = _turn(camera[:, 2], views[k])
+        axis = np.cross(camera[:, 2], views[k])
+        sine = np.linalg.norm(axis)
+        turn = axis * (np.arctan2(sine, camera[:, 2] @ views[k]) / sine if sine > 0 else 1.0)
         ahead = np.cross(views[k], views[k + 1] - views[k]) / PERIOD_S
         pointing = (camera.T @ (GAIN_PER_S * turn + ahead))[POINTING]
         box = viable_rates(
@@ -410,13 +407,6 @@ def move_arm(strategy: Strategy, duration_s: float) -> dict[str, Array]:
         data = advance(model, data, rates, PERIOD_S)
     names = "time_s", "error_rad", "joint_rad"
     return dict(zip(names, map(np.array, zip(*rows, strict=True)), strict=True))
-
-
-def _turn(now: Array, desired: Array) -> Array:
-    """Return the rotation vector from one unit vector to another, shape (3,)."""
-    axis = np.cross(now, desired)
-    sine = np.linalg.norm(axis)
-    return axis * (np.arctan2(sine, now @ desired) / sine if sine > 0 else 1.0)
 
 
 def arm_row(strategy: Strategy, motion: dict[str, Array]) -> dict[str, Any]:
@@ -472,13 +462,12 @@ def limits(
     runs = dict(zip(cases, done[len(arm) :], strict=True))
     rows = [spiral_row(testbed, *key, run, runs[key[0], loop[-1]]) for key, run in runs.items()]
     limited = [how for how in loop if how.slowness == 1.0 and how.kind != "unlimited"]
+    excess = [excess_row(testbed, conditions, how, seed) for how in limited]
     tables = {
         "spirals": over_strict(rows, "rms_urad"),
         "arm": over_strict([arm_row(how, motions[how.name]) for how in arm], "rms_mrad"),
         "conditions": pd.DataFrame([condition_row(testbed, c, path_rad) for c in conditions]),
-        "out_of_reach": pd.DataFrame(
-            [excess_row(testbed, conditions, how, seed) for how in limited]
-        ),
+        "out_of_reach": pd.DataFrame(excess),
     }
     spirals = {"time_s": BENCH.time_s(duration_s), "desired_rad": path_rad}
     for (condition, strategy), run in runs.items():
@@ -523,14 +512,6 @@ def over_strict(rows: list[dict[str, Any]], size: str) -> pd.DataFrame:
     return runs.assign(rms_over_strict=runs[size] / runs.condition.map(strict))
 
 
-def tuned_clipping(spirals: pd.DataFrame) -> pd.Series:
-    """Return the error of clipping, with the best tracking time, over that of strict priority.
-
-    The best time is chosen afterwards for each condition, which is impossible in practice.
-    """
-    return spirals[spirals.kind == "clipping"].groupby("condition").rms_over_strict.min()
-
-
 def checks(
     spirals: pd.DataFrame, arm: pd.DataFrame, conditions: pd.DataFrame, out_of_reach: pd.DataFrame
 ) -> list[Check]:
@@ -542,17 +523,18 @@ def checks(
     recovery_s = by_strategy.xs("strict", level="strategy").recovery_s
     margin = conditions.set_index("condition").circle_margin
     excess = out_of_reach.set_index("strategy").excess_largest_percent["strict"]
+    # The tracking time is the best of each condition, chosen afterwards: impossible in practice.
+    tuned = spirals[spirals.kind == "clipping"].groupby("condition").rms_over_strict.min()
     what = "RMS error of strict priority over that of clipping, tuned"
     beyond_rad = arm_runs.beyond_limit_rad.drop("unlimited")
     return [
-        *check(what, 1 / tuned_clipping(spirals), 1.0),
+        *check(what, 1 / tuned, 1.0),
         *check("RMS error with anti-windup over that without", 1 / winding_up, 1.0),
         *check("time from an attainable target to recovered pointing [s]", recovery_s, 0.5),
         *check("margin of the circle criterion below zero", -margin, 0.0),
         *check("closure residual [m]", by_strategy.closure_residual_max_m, CLOSURE_LIMIT_M),
-        *check(
-            "command beyond its limit [um]", limited.beyond_limit_um, 0.02
-        ),  # a step of the converter
+        # The limit is a step of the converter.
+        *check("command beyond its limit [um]", limited.beyond_limit_um, 0.02),
         *check("pointing error at rest afterwards [urad]", settled.rest_peak_urad, 5.0),
         *check(what, 1 / arm_runs.rms_over_strict["clipping"], 1.0, "arm"),
         *check("peak error of strict priority [mrad]", arm_runs.peak_mrad["strict"], 10.0, "arm"),
@@ -565,10 +547,8 @@ def printed_tables(
     spirals: pd.DataFrame, arm: pd.DataFrame, conditions: pd.DataFrame, out_of_reach: pd.DataFrame
 ) -> list[TableView]:
     """Return the printed tables."""
-    columns = (
-        "strategy rms_over_strict:.3f rms_urad:.0f peak_urad:.0f recovery_s=longest_miss_s:.2f "
-    )
-    columns += "attainable_rms_urad:.0f secondary_rms_um:.0f"
+    columns = "strategy rms_over_strict:.3f rms_urad:.0f peak_urad:.0f "
+    columns += "recovery_s=longest_miss_s:.2f attainable_rms_urad:.0f secondary_rms_um:.0f"
     legend = "Longest miss: time for which an attainable target is missed by "
     legend += f"{1e6 * RECOVERED_RAD:.0f} urad more than without limits."
     groups = spirals.groupby("condition", sort=False)

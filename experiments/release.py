@@ -274,9 +274,7 @@ def atlas_arrays(atlas: FailureAtlas) -> dict[str, Array]:
 def release(
     *,
     seed: Annotated[int, seed_of("the detector noise")] = 0,
-    quick: Annotated[
-        bool, Option(help="Spirals of 4 s, and three values of the stiffness.")
-    ] = False,
+    quick: Annotated[bool, Option("Spirals of 4 s, and three values of the stiffness.")] = False,
     on_progress: OnProgress,
 ) -> Result:
     """Simulate a strut without coil force, then without coil force and spring.
@@ -303,10 +301,8 @@ def release(
         shared | {"case": case, "rig": in_orbit if case.kind == "loose" else on_ground}
         for case in cases(duration_s / 2)
     ]
-    equilibria = [
-        {"work": equilibrium_row, "model": orbit, "ratio": ratio}
-        for ratio in RATIOS[:: 3 if quick else 1]
-    ]
+    at_rest = {"work": equilibrium_row, "model": orbit}
+    equilibria = [at_rest | {"ratio": ratio} for ratio in RATIOS[:: 3 if quick else 1]]
     done = in_parallel(call, [*calls, *equilibria], on_progress)
     spirals: list[Spiral] = done[: len(calls)]
     atlas = failure_atlas(elastic_system(ground), MAJOR)

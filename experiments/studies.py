@@ -32,11 +32,7 @@ PAPER = {
 
 LINES = ROBOT | PAPER
 
-_MODULES = {
-    "atlas": "experiments.sweep",
-    "survey": "fjh.survey.survey",
-    "track": "fjh.track",
-}
+_MODULES = {"atlas": "experiments.sweep", "survey": "fjh.survey.survey", "track": "fjh.track"}
 
 
 def command_of(name: str) -> list[str]:

@@ -35,23 +35,13 @@ class Where:
 
     scheduler: Annotated[
         str | None,
-        Option(
-            metavar="ADDRESS",
-            help="A Dask scheduler, e.g. tls://host:8786.  [default: this computer]",
-        ),
+        Option("A Dask scheduler, e.g. tls://host:8786.  [default: this computer]", "ADDRESS"),
     ] = None
     workers: Annotated[
         int | None,
-        Option(
-            metavar="N",
-            help="Processes on this computer.  [default: one for each core]",
-            bounds=(1, 10**9),
-        ),
+        Option("Processes on this computer.  [default: one for each core]", "N", bounds=(1, 10**9)),
     ] = None
-    resume: Annotated[
-        bool | None,
-        Option(help="Continue the unfinished runs in the folder."),
-    ] = False
+    resume: Annotated[bool | None, Option("Continue the unfinished runs in the folder.")] = False
 
     def __post_init__(self) -> None:
         if self.scheduler is not None and not re.fullmatch(r"\S+", self.scheduler):
@@ -120,12 +110,7 @@ def rows_of(
     except Unsound as error:
         advice = "; finished runs are saved, and --resume continues" if file.exists() else ""
         raise Unsound(f"{error}{advice}") from None
-    return frame_of([rows[number] for number in sorted(rows)])
-
-
-def frame_of(rows: Sequence[Row]) -> pd.DataFrame:
-    """Return rows as a data frame; missing entries are NaN."""
-    frame = pd.DataFrame(rows)
+    frame = pd.DataFrame([rows[number] for number in sorted(rows)])
     return frame.where(frame.notna(), np.nan).infer_objects()
 
 

@@ -280,10 +280,7 @@ def sweep(
     quick: Annotated[bool, Option(help="40 runs of 0.5 s, for any design.")] = False,
     design: Annotated[
         Path | None,
-        Option(
-            metavar="FILE",
-            help="TOML file of the varied quantities.  [default: experiments/sweep.toml]",
-        ),
+        Option("TOML file of the varied quantities.  [default: experiments/sweep.toml]", "FILE"),
     ] = None,
     where: Where = HERE,
     folder: Path,
@@ -496,16 +493,9 @@ def class_table(rows: pd.DataFrame) -> pd.DataFrame:
         for source, names in (("predicted", PREDICTED), ("simulated", RMS))
     }
     covered = rows.assign(off_percent=rows.off_percent.where(rows.compared))
-    return (
-        covered.groupby(["verdict", "jacobian"], sort=False)
-        .agg(
-            runs=("case", "size"),
-            **medians,
-            compared=("compared", "sum"),
-            largest_off_percent=("off_percent", "max"),
-        )
-        .reset_index()
-    )
+    more = {"compared": ("compared", "sum"), "largest_off_percent": ("off_percent", "max")}
+    grouped = covered.groupby(["verdict", "jacobian"], sort=False)
+    return grouped.agg(runs=("case", "size"), **medians, **more).reset_index()
 
 
 def disagreements(rows: pd.DataFrame) -> pd.DataFrame:

@@ -389,6 +389,7 @@ def systems(
         "step_m_or_rad": STEP,
     }
     all_checks = checks(table)
+    checks_text = checked(all_checks)
     return Result(
         settings=settings,
         tables={"systems": table},
@@ -402,9 +403,7 @@ def systems(
             }
             for mechanism, group in groups.items()
         },
-        records=[
-            partial(record, group, settings, checked(all_checks)) for group in groups.values()
-        ],
+        records=[partial(record, group, settings, checks_text) for group in groups.values()],
     )
 
 

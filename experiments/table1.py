@@ -14,13 +14,7 @@ from matplotlib.figure import Figure
 from fjh.recording.record import About, write_run
 from fjh.rig.checks import CLOSURE_LIMIT_M
 from fjh.rig.hexapod import metrics, paper
-from fjh.rig.hexapod.columns import (
-    COLUMNS,
-    Column,
-    hexapod_arrays,
-    secondary,
-    secondary_estimated,
-)
+from fjh.rig.hexapod.columns import COLUMNS, Column, hexapod_arrays, secondary, secondary_estimated
 from fjh.rig.hexapod.controller import ANGLES, nominal_loops
 from fjh.rig.hexapod.machine import detector_noise_rad
 from fjh.rig.hexapod.mismatch import ALL_SIZES, has_suspensions
@@ -33,15 +27,7 @@ from fjh.rig.run import Run, rms
 from fjh.study.input_checks import check_file
 from fjh.study.option import OnProgress, Option, seed_of
 from fjh.study.palette import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
-from fjh.study.plotting import (
-    COLUMN_IN,
-    DESIRED,
-    MEASURED,
-    PAGE_IN,
-    START,
-    new_figure,
-    one_legend,
-)
+from fjh.study.plotting import COLUMN_IN, DESIRED, MEASURED, PAGE_IN, START, new_figure, one_legend
 from fjh.study.result import Check, Picture, Result, TableView, check, origin
 from fjh.study.workers import call, in_parallel
 from sim import Array, ModelError, load_model
@@ -68,9 +54,6 @@ locked and known, strut 1 locked and unknown."""
 NOT_SIMULATED = (np.nan, np.nan)
 MISMATCH_TOLERANCE = 0.1
 """Largest relative distance of an RMS error from the nominal linear model's on the same floor."""
-
-
-# The runs.
 
 
 def table1(
@@ -225,9 +208,6 @@ def predicted_rad(
     return predicted.rms
 
 
-# The rows.
-
-
 def of_angles(key: str) -> list[str]:
     """Return the keys for alpha and beta, with the angle in place of `*`."""
     return [key.replace("*", angle) for angle in ANGLES]
@@ -301,9 +281,6 @@ def further_runs(columns: pd.DataFrame, runs: Mapping[tuple[str, str], Run]) -> 
         rows.append({"runs": "mismatched", "largest_relative_difference": np.nanmax(relative)})
     gaps_m = pd.Series({key: run.closure_max_m for key, run in runs.items()}).groupby(level=0).max()
     return pd.DataFrame(rows).assign(closure_residual_max_m=lambda frame: frame.runs.map(gaps_m))
-
-
-# Checks and tables.
 
 
 def checks(columns: pd.DataFrame, further: pd.DataFrame, duration_s: float) -> list[Check]:
@@ -434,18 +411,9 @@ def record(
         predicted=(predicted, predicted),
         checks=checked,
     )
-    write_run(
-        folder / row["recording"],
-        rig,
-        run,
-        about,
-        arrays=hexapod_arrays(run),
-        known=known,
-        machine_file=machine_file,
-    )
+    path, arrays = folder / row["recording"], hexapod_arrays(run)
+    write_run(path, rig, run, about, arrays=arrays, known=known, machine_file=machine_file)
 
-
-# The figures.
 
 SECONDARY = (
     ("$t_x$, µm", 1, BLUE),

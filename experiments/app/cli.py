@@ -40,9 +40,8 @@ Exit codes:
 """
 
 # The command prints its own message instead of MuJoCo's warnings.
-logging.getLogger(f"{__name__.removesuffix('experiments.app.cli')}sim").addHandler(
-    logging.NullHandler()
-)
+_sim_logger = logging.getLogger(f"{__name__.removesuffix('experiments.app.cli')}sim")
+_sim_logger.addHandler(logging.NullHandler())
 
 
 def _print_version(requested: bool) -> None:

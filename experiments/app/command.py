@@ -14,13 +14,7 @@ import typer
 from experiments.app.terminal import print_summary, progress
 from experiments.studies import command_of
 from fjh.study.errors import Interrupted, Unsound
-from fjh.study.files import (
-    UNFINISHED,
-    alone_in,
-    published,
-    usable_folder,
-    write_arrays,
-)
+from fjh.study.files import UNFINISHED, alone_in, published, usable_folder, write_arrays
 from fjh.study.option import Option, Study, described, options_of
 
 Out = Annotated[Path, Option("Folder for results.", "FOLDER")]
@@ -34,13 +28,12 @@ def command(study: Study) -> Callable[..., None]:
     def run(*, out: Path, quiet: bool, **values: Any) -> None:
         result, summary = conduct(study, out, show=not quiet, **values)
         if not quiet:
-            print_summary(
-                result.checked,
-                *_next_steps(name, result, summary, out, values),
-                tables=result.views,
-                notes=result.notes,
-                more=f"More in {out / name}.md",
+            steps, more = (
+                _next_steps(name, result, summary, out, values),
+                f"More in {out / name}.md",
             )
+            contents = {"tables": result.views, "notes": result.notes, "more": more}
+            print_summary(result.checked, *steps, **contents)
         if failed := result.failed:
             raise Unsound(f"a check failed: {failed[0]}")
 
@@ -129,9 +122,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     def run(**values: Any) -> None:
         function(**_arguments(inspect.signature(function).parameters, values))
 
-    return _with_signature(
-        run, function, [_option(parameter) for parameter in options_of(function)]
-    )
+    return _with_signature(run, function, list(map(_option, options_of(function))))
 
 
 def _all_options(study: Study) -> list[inspect.Parameter]:

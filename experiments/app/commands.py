@@ -24,9 +24,7 @@ def results(
     *,
     places: Annotated[
         list[Path],
-        Option(
-            "Folders with results; with --against one, or its JSON file.", "FOLDER", positional=True
-        ),
+        Option("Folders with results; with --against one, or its JSON file.", "FOLDER", True),
     ],
     against: Annotated[
         Path | None, Option("Earlier result of the same study, to compare with.", "FOLDER")
@@ -65,9 +63,8 @@ def _list(folders: list[Path]) -> list[str]:
     checks = frames.checks
     failed = checks[~checks.passed.astype(bool)] if len(checks) else checks
     for (study, place), runs in frames.runs.groupby(["study", "folder"], sort=False):
-        count, wrong = (
-            int(((one.study == study) & (one.folder == place)).sum()) for one in (checks, failed)
-        )
+        selected = ((one.study == study) & (one.folder == place) for one in (checks, failed))
+        count, wrong = (int(rows.sum()) for rows in selected)
         title, passed = f"{study or 'recordings'} in {place}", f"{count - wrong} of {count} checks"
         notes.append(f"{title}: {len(runs):,} run{'s' * (len(runs) > 1)}, {passed} passed")
         plain = runs.drop(columns=["study", "folder"]).dropna(axis=1, how="all")
@@ -119,8 +116,7 @@ def render(
     file: Annotated[Path, Option("A recording.", "FILE.rrd", positional=True)],
     out: Annotated[Path, Option("Picture to write.", "FILE.png")],
     time: Annotated[
-        float | None,
-        Option("Simulation time to show [s].  [default: the recording's end]", "S"),
+        float | None, Option("Simulation time to show [s].  [default: the recording's end]", "S")
     ] = None,
     size: Annotated[str, Option("Size of the picture in pixels.", "WIDTHxHEIGHT")] = "1600x900",
 ) -> None:

@@ -41,7 +41,8 @@ def exit_message(error: Exception) -> tuple[str, int]:
     if isinstance(error, Unsound):
         return str(error), UNSOUND
     text, (file, line, code) = " ".join(str(error).split()), _origin(error)
-    if isinstance(error, ValueError | TypeError) and code.startswith("raise") and _is_library(file):
+    is_library = any(folder in file.parents for folder in _FOLDERS)
+    if isinstance(error, ValueError | TypeError) and code.startswith("raise") and is_library:
         return text, WRONG_INPUT  # an argument check of the library, whose message names it
     if os.environ.get(TRACEBACK):
         raise error
@@ -59,7 +60,3 @@ def _origin(error: Exception) -> tuple[Path, str, str]:
     frames = _FRAME.findall(text) or [("nowhere", "0", "")]
     file, line, code = frames[-1]
     return Path(file), line, code
-
-
-def _is_library(file: Path) -> bool:
-    return any(folder in file.parents for folder in _FOLDERS)

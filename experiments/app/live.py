@@ -17,9 +17,7 @@ def live(
     port: Annotated[
         int | None,
         Option(
-            metavar="PORT",
-            help="Port to listen on.  [default: 8080, or the next free one]",
-            bounds=(1, 65535),
+            "Port to listen on.  [default: 8080, or the next free one]", "PORT", bounds=(1, 65535)
         ),
     ] = None,
     seed: Annotated[int, seed_of("all noise and random disturbances")] = 0,

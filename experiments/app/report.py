@@ -167,13 +167,7 @@ def page(summary: Mapping[str, Any], folder: Path) -> str:
         "code": f"SHA-256 {summary['code_sha256']}",
         "seed": summary["seed"],
     }
-    context = {
-        "report": summary,
-        "origin": origin,
-        "lines": LINES,
-        "about": about,
-        "body": body,
-    }
+    context = {"report": summary, "origin": origin, "lines": LINES, "about": about, "body": body}
     return rendered("experiments.app", "report.html.j2", span=span, when=when, **context)
 
 

@@ -31,12 +31,7 @@ from fjh.rig.hexapod.columns import hexapod_arrays
 from fjh.rig.hexapod.fault_tolerance import DITHER
 from fjh.rig.hexapod.metrics import plant_constants, recording_properties
 from fjh.rig.mismatch import EXACT
-from fjh.rig.options import (
-    DEFAULT_OPTIONS,
-    Controller,
-    RobotOptions,
-    check_bounds,
-)
+from fjh.rig.options import DEFAULT_OPTIONS, Controller, RobotOptions, check_bounds
 from fjh.rig.other_controller import controller_factory, controller_label, controller_sha256
 from fjh.rig.rig import Rig
 from fjh.rig.run import Run
@@ -75,14 +70,10 @@ def recover(
     quick: Annotated[bool, Option(help="Only a few runs of each sort.")] = False,
     model: Annotated[
         Path | None,
-        Option(
-            metavar="MODEL.xml",
-            help="MJCF file of another robot, on a circle; takes options of fjh track.",
-        ),
+        Option("MJCF file of another robot, on a circle; takes options of fjh track.", "MODEL.xml"),
     ] = None,
     hours: Annotated[
-        float,
-        Option(metavar="H", help="Hours to simulate without failures; fewer with --quick."),
+        float, Option(metavar="H", help="Hours to simulate without failures; fewer with --quick.")
     ] = HOURS,
     events: Annotated[
         bool, Option(help="Simulate events other than failures (docs/recover.md): 30 minutes.")
@@ -108,14 +99,10 @@ def recover(
     """
     check_within("hours", hours, 1e-3, 1e6)
     check_bounds("turn", turn)
-    hexapod_options = {
-        "hours": hours != HOURS,
-        "controller": controller,
-        "scheduler": where.scheduler,
-    }
-    robot_options = {"turn": turn != TURN_S, "dither": dither != "designed"}
-    robot_options |= {f.name: getattr(robot, f.name) != f.default for f in fields(RobotOptions)}
-    refuse_others(hexapod_options, robot_options, is_robot=model is not None, events=events)
+    of_hexapod = {"hours": hours != HOURS, "controller": controller, "scheduler": where.scheduler}
+    of_robot = {"turn": turn != TURN_S, "dither": dither != "designed"}
+    of_robot |= {f.name: getattr(robot, f.name) != f.default for f in fields(RobotOptions)}
+    refuse_others(of_hexapod, of_robot, is_robot=model is not None, events=events)
     if controller is not None:
         controller_factory(controller)  # raises for a wrong name, before anything runs
     jobs = list[Job]()

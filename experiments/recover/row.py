@@ -108,6 +108,7 @@ def supervised_columns(rig: Rig, case: Case, run: Run) -> Row:
     without a failed actuator, whether the cause is; None without diagnosis.
     """
     state, failures, period_s = run.state, all_failures(rig, case), rig.period_s
+    faults = [Fault.of(failure) for failure in failures]
     tick, expected = tick_at(rig, case, case.onset_s), _expected(rig, case, failures)
     onset = min((since for since, _ in expected.values()), default=tick)
     isolated = [(item, tick_at(rig, case, item.time_s)) for item in run.diagnoses]
@@ -127,7 +128,7 @@ def supervised_columns(rig: Rig, case: Case, run: Run) -> Row:
         "withdrawn": sum(diagnosis.withdrawn_s is not None for diagnosis in run.diagnoses),
         "unexplained": state.monitor_state.unexplained,
         "task_lost": run.task_lost,
-        "lost_rightly": bool(failures) and is_task_lost(rig, failures),
+        "lost_rightly": bool(failures) and not is_possible(rig.classified(faults)),
         "report": run.status,
         "closure_residual_max_m": run.closure_max_m,
     }
@@ -259,11 +260,6 @@ def all_failures(rig: Rig, case: Case) -> tuple[Failure, ...]:
     """
     _, of_events = events_of(rig, case.events, begin_s=case.begin_s, seed=case.seed)
     return (*case.failures, *of_events)
-
-
-def is_task_lost(rig: Rig, failures: tuple[Failure, ...]) -> bool:
-    """Return whether the surviving actuators cannot perform the major task."""
-    return not is_possible(rig.classified([Fault.of(failure) for failure in failures]))
 
 
 def tick_at(rig: Rig, case: Case, time_s: float) -> int:

@@ -41,9 +41,7 @@ def noise_of(rig: Rig) -> float:
 def grouped(rows: pd.DataFrame, noise: float) -> dict[str, pd.DataFrame]:
     """Return tables of statistics: by mismatch and size, kind of failure, event, and other sorts.
 
-    Args:
-        rows: Rows of the dataset, with columns of another controller if there is one.
-        noise: Result of :func:`noise_of`.
+    `noise` is the result of :func:`noise_of`.
     """
     has_fault = rows.sort.isin(["failure", "size", "event"])
     groups = {
@@ -185,18 +183,13 @@ def per_hour(name: str, count: int, hours: float) -> dict[str, float]:
     return {f"{key}_rate": rate, f"{key}_low_95": low, f"{key}_high_95": high}
 
 
-# Checks.
-
-
 def checks(settings: Mapping[str, Any], rows: pd.DataFrame, tables: Tables) -> list[Check]:
     """Return checks of closure, completed runs, errors increased by diagnosis, and the goals."""
     limit_m, is_large = settings["closure_limit_m"], rows.peak_supervised_since > LARGE_ERROR
     gap_m = rows.closure_residual_max_m.fillna(0.0)
     # Runs with the largest sizes of a mismatch have unstable loops.
-    near_m, large_m = (
-        gap_m.where(~is_large & (rows.sort != "size"), 0.0),
-        gap_m.where(is_large, 0.0),
-    )
+    near_m = gap_m.where(~is_large & (rows.sort != "size"), 0.0)
+    large_m = gap_m.where(is_large, 0.0)
     if "shown" in tables:
         near_m = pd.concat([near_m, tables["shown"].closure_residual_max_m])
     other_ended = rows[["informed_ended", "unaware_ended"]].notna().any(axis=1)
@@ -223,10 +216,8 @@ def checks(settings: Mapping[str, Any], rows: pd.DataFrame, tables: Tables) -> l
 
 def goals(tables: Tables) -> list[Check]:
     """Return checks of the hexapod's failures and recorded runs, and of another controller."""
-    stability, [healthy], [pairs] = (
-        tables["beliefs"],
-        *(tables[name].itertuples() for name in ("healthy", "pairs")),
-    )
+    stability = tables["beliefs"]
+    [healthy], [pairs] = (tables[name].itertuples() for name in ("healthy", "pairs"))
     worst = stability.iloc[greatest(stability.sensitivity_peak)]
     failures = tables["by_mismatch"].query("factor == 1.0").set_index("mismatch")
     isolated = "share of the isolable failures that is not identified"
@@ -256,9 +247,6 @@ def goals(tables: Tables) -> list[Check]:
         what = f"number of runs in which it failed ({other.failure or 'none'})"
         result += check(what, other.failed, 0.5, f"controller {other.name}")
     return result
-
-
-# Printed tables.
 
 
 def printed_tables(tables: Tables) -> list[TableView]:

@@ -92,12 +92,7 @@ def views(draw) -> TableView:
     return TableView(draw(TEXTS), frame, " ".join(names), draw(TEXTS))
 
 
-@given(
-    st.lists(views(), max_size=5),
-    st.lists(TEXTS, max_size=9),
-    TEXTS,
-    st.integers(40, 120),
-)
+@given(st.lists(views(), max_size=5), st.lists(TEXTS, max_size=9), TEXTS, st.integers(40, 120))
 def test_any_result_is_at_most_25_lines_of_the_width_of_the_terminal(tables, notes, checked, width):
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()) as screen:
         patch.setenv("COLUMNS", str(width))
