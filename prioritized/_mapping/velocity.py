@@ -396,7 +396,7 @@ class VelocityMapping:
 
     @property
     def closure_condition(self) -> float:
-        """As :attr:`Manipulability.closure_condition`; 1 for a J given as a matrix."""
+        """Condition number of J_Cp, the passive columns of J_C; 1 for a J given as a matrix."""
         return 1.0 if self._kinematics is None else self._kinematics.closure_condition
 
     @property
