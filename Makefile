@@ -1,5 +1,5 @@
-# Everything runs in .venv, which any target builds when it is missing: `make table1` with what the
-# command fjh needs, all others with what tests, checks and site need, too.
+# Everything runs in .venv, which any target builds if it is missing: `make table1` with the packages
+# of the command fjh, all others with those of tests, checks and site as well.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/installed
@@ -7,7 +7,7 @@ COMMAND := .venv/command
 KERNELS := kernels/_kernels.so
 INSTALL := $(BIN)/python -m pip install --no-compile --constraint constraints.txt --editable
 RUNS := results/report
-# Two flights of the arm around a circle of 30 mm whose shoulder locks after 3.25 s.
+# Run of the arm around a circle of 30 mm; its shoulder locks after 3.25 s.
 LOCKED := --major 3,5,4 --size 0.015 --turn 4 --fail motor2:locked@3.25 --duration 6.5
 
 .PHONY: venv lock table1 test test-all test-ci test-processors coverage test-sanitized fuzz wheel-test robots dist check hooks docs tables bench pictures clean
@@ -16,7 +16,7 @@ venv: $(STAMP) $(KERNELS)
 
 $(BIN)/python:
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install "pip>=25.1"  # which knows dependency groups
+	$(BIN)/python -m pip install "pip>=25.1"  # supports dependency groups
 
 $(COMMAND): pyproject.toml constraints.txt | $(BIN)/python
 	$(INSTALL) ".[all]"
@@ -26,43 +26,43 @@ $(STAMP): pyproject.toml constraints.txt | $(BIN)/python
 	$(INSTALL) ".[all]" --group test --group check --group docs
 	touch $(COMMAND) $(STAMP)
 
-# The installation builds them; this is for who changes them.
+# The installation compiles the kernels; this target is for changes to them.
 $(KERNELS): kernels/build.py $(wildcard kernels/*.[ch]) | $(BIN)/python
 	$(BIN)/python kernels/build.py
 
 table1: $(COMMAND) $(KERNELS)
 	$(BIN)/fjh table1
 
-# On all cores, a file of tests in one process. Two processes whose BLAS has two threads each take
-# half as long again.
+# Each file of tests runs in one process, on all cores. With two BLAS threads each, two processes
+# need 1.5 times as long.
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist loadfile --durations 20 --durations-min 0.4
 test test-all test-ci coverage: export OPENBLAS_NUM_THREADS = 1
-# Without bytecode every process rewrites the assertions of all test files anew, 4 s each.
+# Without bytecode, every process rewrites the assertions of all test files: 4 s each.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Every law, the physics, the command line: 60 s on two idle cores.
+# The short tests: laws, physics, command line; 60 s on two idle cores.
 test: venv
 	$(PYTEST) -m "not long"
 
-# The same, what takes long, and every study at full length.
+# All tests, with every study at full length.
 test-all: venv
 	$(PYTEST)
 
-# All but what waits for the night: what CI runs.
+# All tests without those marked night: what CI runs.
 test-ci: venv
 	$(PYTEST) -m "not night"
 
-# The short tests as other processors compute them: with each kernel of OpenBLAS that this one can
-# run, without wide instructions in numpy, with two BLAS threads, in another order. Each night.
+# The short tests with the numerics of other processors: each OpenBLAS kernel that this processor
+# supports, numpy without wide instructions, two BLAS threads, another order. Each night.
 test-processors: venv
 	$(BIN)/python tools/processors.py
 
-# Which lines of Python the short tests run: a report in build/coverage, no bound.
+# Report of the Python lines that the short tests run, in build/coverage; there is no bound.
 coverage: venv
 	PROPERTIES=local $(PYTEST) -m "not long" --cov --cov-report=term:skip-covered --cov-report=html:build/coverage
 
-# The kernels, compiled with the sanitizers of addresses and undefined behaviour: a number read or
-# written beyond an array ends the tests, and what they say of it is not captured. Each night.
+# The kernels compiled with the address and undefined-behaviour sanitizers: an access beyond an array
+# ends the tests with an uncaptured message. Each night.
 test-sanitized: venv
 	$(BIN)/python kernels/build.py --sanitized
 	FJH_KERNELS=build/sanitized/_kernels.so ASAN_OPTIONS=detect_leaks=0 \
@@ -70,8 +70,8 @@ test-sanitized: venv
 	    PROPERTIES=local $(BIN)/python -m pytest -p no:xdist --capture sys -m "not long" \
 	    tests/kernels tests/prioritized tests/sim tests/ftc tests/fjh/rig/test_hexapod.py
 
-# The kernels on what libFuzzer makes up, under the sanitizers, for so many seconds: needs clang. What
-# fails is kept in build/fuzz; `build/fuzz/kernels FILE` repeats it. Each night.
+# The kernels on inputs of libFuzzer, with sanitizers, for SECONDS; needs clang. Failing inputs are
+# saved in build/fuzz; `build/fuzz/kernels FILE` repeats one. Each night.
 SECONDS := 300
 fuzz:
 	mkdir -p build/fuzz/corpus
@@ -80,21 +80,21 @@ fuzz:
 	build/fuzz/kernels -max_len=4096 -len_control=0 -max_total_time=$(SECONDS) \
 	    -print_final_stats=1 -artifact_prefix=build/fuzz/ build/fuzz/corpus
 
-# The wheel in an empty environment: base, sim and testbed, the README's examples, types.
+# The wheel in an empty environment: base, extras sim and all, the README's examples, types.
 wheel-test:
 	$(PYTHON) tools/wheel.py
 
-# docs/data/robots.csv and docs/refused.md: robots of registry packages, from their file to a run; an
-# hour the first time. What has a result in build/robots/trials is not run again.
+# Robots of registry packages, from their file to a run, for docs/data/robots.csv and docs/refused.md;
+# an hour the first time. Robots with a result in build/robots/trials are not run again.
 robots: venv
 	$(BIN)/python -m tools.public_robots
 
-# What a release consists of, in dist: the sources, and the wheel built from them.
+# The files of a release, in dist: the sources, and the wheel built from them.
 dist: venv
 	rm -rf dist
 	$(BIN)/python -m build --outdir dist
 
-# constraints.txt anew from pyproject.toml; versions that still fit stay as they are.
+# constraints.txt from pyproject.toml; versions that still fit are retained.
 LOCK := $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --no-annotate --no-header --no-emit-index-url
 lock: venv
 	$(LOCK) pyproject.toml --extra all --group test --group check --group docs --group wheel --output-file constraints.txt
@@ -121,12 +121,12 @@ hooks: venv
 docs: venv
 	$(BIN)/python -m sphinx -W --keep-going --quiet $(SPHINX) -d build/doctrees docs build/site
 
-# The tables of the pages anew from docs/data, for who reads them on GitHub; the site does so itself.
+# Update the tables of the pages from docs/data, for readers on GitHub; the site updates its own.
 tables: venv
 	$(BIN)/python docs/_extensions/tables.py
 
-# Times beside those of other solvers, a minute: a table and a figure in build/bench, and an error if
-# a ratio that hardly scatters exceeds three times its bound. Nothing else should run meanwhile.
+# Times relative to other solvers, in a minute: a table and a figure in build/bench; an error if a
+# reproducible ratio exceeds three times its bound. Run nothing else meanwhile.
 BENCH := build/bench/venv/bin/python
 bench: build/bench/installed
 	$(BENCH) -m pytest benchmarks --quiet -p no:cacheprovider --benchmark-timer time.process_time \

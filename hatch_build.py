@@ -1,10 +1,10 @@
 """The wheel has one package, `fjh`: the folders of the checkout go below it.
 
-A name like `sim` at the top level would belong to whoever installs it last, and to any folder of a
-user's. Below `fjh` imports name their package in full, lines stay where they are, and type
-checkers and editors find sources where Python does. An editable installation is the checkout as it
-is (`fjh/_checkout.py`). The kernels are compiled here, so a wheel is for one platform, and for all
-versions of Python: `ziglang` is asked for where no compiler is.
+A top-level name like `sim` would conflict with other distributions and with folders of a user.
+Below `fjh`, imports use full names, line numbers are those of the checkout, and type checkers and
+editors find the sources. An editable installation uses the checkout itself (`fjh/_checkout.py`).
+The kernels are compiled here: a wheel is for one platform and all versions of Python. If there is
+no compiler, `ziglang` is required.
 """
 
 import re
@@ -21,11 +21,11 @@ FOLDERS = ("argument_checks", "experiments", "ftc", "kernels", "models", "priori
 _NAME = rf"(?:{'|'.join(FOLDERS)})"
 _IMPORT = re.compile(rf"^(\s*(?:from|import) )({_NAME}(?:\.\w+)* (?:import|as) )", re.MULTILINE)
 _STRING = re.compile(rf"""(["'])({_NAME}(?:\.\w+)+(?::\w+)?\1)""")
-"""A module, or MODULE:FUNCTION, that is imported when it is needed."""
+"""String with the name of a module, or MODULE:FUNCTION, for a late import."""
 
 
 def below_fjh(source: str) -> str:
-    """A module's text with the names that it has in the wheel."""
+    """Return the text of a module with the names of the wheel."""
     return _STRING.sub(r"\1fjh.\2", _IMPORT.sub(r"\1fjh.\2", source))
 
 
@@ -43,14 +43,14 @@ def stage(root: Path, place: Path) -> None:
 
 
 class Wheel(BuildHookInterface):
-    """Called by hatchling."""
+    """Build hook that hatchling calls."""
 
     def dependencies(self) -> list[str]:
-        """What the build needs beside hatchling: a compiler, if this machine has none."""
+        """Return the requirements of the build: a compiler, if this machine has none."""
         return [] if self._kernels.compiler() else ["ziglang"]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Compile, and add the package to a wheel; an editable one has a path to the checkout."""
+        """Compile the kernels, and add the package to a wheel unless it is editable."""
         try:
             self._kernels.build()
         except self._kernels.BuildError as error:
@@ -63,12 +63,12 @@ class Wheel(BuildHookInterface):
             build_data["force_include"][str(self._staged)] = "fjh"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
-        """Leave nothing behind."""
+        """Remove the staged package."""
         shutil.rmtree(self._staged, ignore_errors=True)
 
     @cached_property
     def _kernels(self) -> Any:
-        """Their build, which is imported without them."""
+        """Module `kernels.build`, imported without the compiled kernels."""
         spec = spec_from_file_location("build_kernels", Path(self.root) / "kernels" / "build.py")
         assert spec is not None and spec.loader is not None
         module = module_from_spec(spec)

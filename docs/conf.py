@@ -4,9 +4,6 @@ import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
 
-from pygments.lexers.special import TextLexer
-from sphinx.highlighting import lexers
-
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 
 project = "fjh: fault-tolerant control"
@@ -19,7 +16,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
     "sphinx_gallery.gen_gallery",
-    "sphinx-mathjax-offline",  # equations are typeset without network, too
+    "sphinx-mathjax-offline",  # typesets equations without network
     "docstrings",
     "tables",
     "theory_links",
@@ -27,21 +24,21 @@ extensions = [
 ]
 exclude_patterns = ["_extensions"]
 
-# A broken reference is an error. What numpy, mujoco and the like document is not looked up:
-# the build needs no network.
+# A broken reference is an error. Names of other packages are not looked up: the build needs no
+# network.
 nitpicky = True
 nitpick_ignore_regex = [
     ("py:.*", r"(?!argument_checks|experiments|fjh|prioritized|ftc|sim)\w+(\..*)?"),
     ("py:.*", r"prioritized\._.*"),
-    ("py:.*", r"(sim|ftc)\.\w+\.[\w.]+"),  # inside: what is public has a shorter name
+    ("py:.*", r"(sim|ftc)\.\w+\.[\w.]+"),  # private modules: public names are shorter
 ]
 
-# The pages are read on GitHub, too: what is enabled here, GitHub reads alike.
+# Only extensions that GitHub supports: the pages are also read there.
 myst_enable_extensions = ["dollarmath"]
 myst_fence_as_directive = ["math"]
 myst_heading_anchors = 3
 
-# The examples are run, and shown with what they print and draw; each is also a notebook there.
+# The examples are run, and shown with their output and as notebooks.
 sphinx_gallery_conf = {
     "examples_dirs": "../examples",
     "gallery_dirs": "gallery",
@@ -65,7 +62,6 @@ autodoc_typehints_format = "short"
 toc_object_entries_show_parents = "hide"
 python_maximum_signature_line_length = 80
 
-lexers["mermaid"] = TextLexer()  # the drawing of imports, which GitHub draws
 
 html_theme = "furo"
 html_title = project

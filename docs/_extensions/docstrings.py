@@ -1,4 +1,4 @@
-"""Docstrings and signatures as they are written, in a form that Sphinx prints as such."""
+"""Docstrings and signatures in a form that Sphinx prints as they are written."""
 
 import re
 
@@ -21,13 +21,13 @@ ALIASES = {
         (sim.Array, "Array"),
     )
 }
-"""Names of the array types, by what Sphinx sees that they stand for."""
+"""Names of the array types, by the expanded names in Sphinx."""
 
 
 def escape(
     _app: Sphinx, what: str, _name: str, _obj: object, _options: object, lines: list[str]
 ) -> None:
-    """Keep bars and colons: for Sphinx they are a substitution, and the end of a type."""
+    """Escape bars and colons, which Sphinx reads as a substitution and as the end of a type."""
     lines[:] = [re.sub(r"(`[^`]*`)|\|", lambda m: m[1] or r"\|", line) for line in lines]
     if what in ("attribute", "data", "property") and ": " in "".join(lines[:1]):
         before, after = lines[0].split(": ", 1)
@@ -43,8 +43,8 @@ def readable(
     arguments: str | None,
     returned: str | None,
 ) -> tuple[str | None, str | None]:
-    """Name array types as the code does; leave out what says nothing."""
-    if arguments == "(*args, **kwargs)":  # of a protocol, which nobody calls
+    """Name array types as the code does; omit the arguments of protocols."""
+    if arguments == "(*args, **kwargs)":  # of a protocol
         return "", returned
     for long, name in {**ALIASES, "<factory>": "..."}.items():
         arguments = arguments and arguments.replace(long, name)
@@ -64,7 +64,7 @@ def alias_property(_app: Sphinx, _domain: str, _kind: str, content: addnodes.des
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Register all three."""
+    """Register the three functions above."""
     app.connect("autodoc-process-docstring", escape, priority=100)
     app.connect("autodoc-process-signature", readable)
     app.connect("object-description-transform", alias_property)

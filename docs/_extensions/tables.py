@@ -1,8 +1,8 @@
 """Tables of the pages, written from the results in docs/data when the site is built.
 
-A page has `<!-- table NAME -->` where a table begins and `<!-- end -->` where it ends. Who reads it
-on GitHub sees what `python docs/_extensions/tables.py` wrote last (`make tables`; with `--check` it
-writes nothing and ends with 1 where a page is not up to date).
+A page has `<!-- table NAME -->` where a table begins and `<!-- end -->` where it ends. GitHub shows
+the tables that `python docs/_extensions/tables.py` (`make tables`) wrote last; with `--check` it
+writes nothing, and its exit code is 1 if a page is not up to date.
 """
 
 import csv
@@ -23,7 +23,7 @@ ANGLES = ("alpha", "beta")
 
 
 def study(name: str) -> dict[str, Any]:
-    """The results of a study at full length."""
+    """Return the results of a study at full length."""
     return json.loads((DOCS / "data" / f"{name}.json").read_text(encoding="utf-8"))
 
 
@@ -34,19 +34,19 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def table1() -> str:
-    """RMS errors beside those of the paper, and peaks of the secondary motion."""
+    """Return RMS errors here and in the paper, and peaks of the secondary motion."""
     columns = study("table1")["columns"]
     rows = []
     for angle in ANGLES:
-        paper = [f"{each[f'paper_{angle}_rms_urad']:.4f}" for each in columns]
-        here = [f"{each[f'{angle}_rms_urad']:.3f}" for each in columns]
+        paper = [f"{column[f'paper_{angle}_rms_urad']:.4f}" for column in columns]
+        here = [f"{column[f'{angle}_rms_urad']:.3f}" for column in columns]
         rows += [[f"{angle}, here", *here], [f"{angle}, paper", *paper[:-1], f"**{paper[-1]}**"]]
     peaks = [
-        ", ".join(f"{each['secondary_peak'][axis]:.3g}" for axis in ("t_x_um", "t_y_um"))
-        for each in columns
+        ", ".join(f"{column['secondary_peak'][axis]:.3g}" for axis in ("t_x_um", "t_y_um"))
+        for column in columns
     ]
     origin = ["fitted", *["= W_a"] * 4, "predicted"]
-    head = ["", *(each["name"].replace("W_a_", "W_a ") for each in columns)]
+    head = ["", *(column["name"].replace("W_a_", "W_a ") for column in columns)]
     return markdown(head, [["origin", *origin], *rows, ["peak t_x, t_y [µm]", *peaks]])
 
 
@@ -61,20 +61,20 @@ CANDIDATES = {
     "limit_clockwise": "demand limit 95 µrad, spiral clockwise",
     "limit_speed": "demand limit 117.5 µrad, spiral of constant speed",
 }
-"""What differs in the explanations of Table I's last column that the page shows."""
+"""Labels of the explanations of Table I's last column that the page shows."""
 
 
 def uncorrected() -> str:
-    """Explanations of Table I's last column."""
+    """Return the explanations of Table I's last column."""
     result = study("uncorrected")
     rows = {row["name"]: row for row in result["candidates"]}
     runs = {row["candidate"]: row for row in result["runs"] if row["column"] == "W_d"}
     cells = []
     for name, differs in CANDIDATES.items():
         row, known = rows[name], runs[name]
-        met = {"ratios": row["meets_ratios"], "W_a": row["meets_w_a"]}
-        met["W_d, W_e"] = row["meets_corrected"]
-        missed = ", ".join(name for name, value in met.items() if not value)
+        satisfied = {"ratios": row["meets_ratios"], "W_a": row["meets_w_a"]}
+        satisfied["W_d, W_e"] = row["meets_corrected"]
+        missed = ", ".join(name for name, value in satisfied.items() if not value)
         ratios = "{alpha_ratio:.2f}, {beta_ratio:.2f}".format(**row)
         errors = "{alpha_rms_urad:.1f}, {beta_rms_urad:.1f}".format(**known)
         cells.append([differs, ratios, errors, f"misses {missed}" if missed else "**meets all**"])
@@ -82,7 +82,7 @@ def uncorrected() -> str:
 
 
 def jacobian() -> str:
-    """The change of the Jacobian over the stroke, its bound, and the paper's values."""
+    """Return the change of the Jacobian over the stroke, its bound, and the paper's values."""
     norms = study("jacobian")["variation"]
     rows = {"largest value found": "value", "part linear in the displacements": "linear"}
     rows |= {"certified upper bound": "certified_upper_bound"}
@@ -92,7 +92,7 @@ def jacobian() -> str:
 
 
 def force() -> str:
-    """Largest errors of simulated static forces."""
+    """Return the largest errors of simulated static forces."""
     kinds = {None: "healthy", "locked": "locked", "free": "free", "loose": "loose"}
     theorems = study("force")["theorems"]
     rows = []
@@ -113,11 +113,11 @@ GOALS = {
     "obstacle": "least clearance, µm",
     "singularity": "largest condition number",
 }
-"""What is measured for each secondary goal."""
+"""Labels of the measures, by secondary goal."""
 
 
 def goals() -> str:
-    """Extremes of secondary goals, and the change of the pointing."""
+    """Return extremes of the measures of secondary goals, and changes of the pointing."""
     result = study("goals")
     seeds = {row["goal"]: row["difference_rms_urad"] for row in result["another_seed"]}
     worst = {(row["goal"], row["name"]): row["worst"] for row in result["runs"]}
@@ -125,14 +125,14 @@ def goals() -> str:
     for row in result["angles"]:
         key = row["goal"], row["name"]
         changes[key] = max(changes.get(key, 0.0), row["difference_rms_urad"])
-    ways = ("pursued", *(f"pseudo_inverse_{weight}" for weight in (1, 10, 100)))
+    styles = ("pursued", *(f"pseudo_inverse_{weight}" for weight in (1, 10, 100)))
     rows = []
     for goal, label in GOALS.items():
-        moved = [*(changes[goal, way] for way in ways), seeds[goal]]
+        moved = [*(changes[goal, style] for style in styles), seeds[goal]]
         rows.append(
             [
                 label,
-                *(f"{round(worst[goal, way], 1) + 0.0:.1f}" for way in ("pursued", "nothing")),
+                *(f"{round(worst[goal, style], 1) + 0.0:.1f}" for style in ("pursued", "nothing")),
                 *(f"{change:.0f}" if change > 100 else f"{change:.2g}" for change in moved),
             ]
         )
@@ -153,8 +153,8 @@ STRATEGIES = {
 
 
 def limits() -> str:
-    """RMS errors of strategies whose actuators reach their limits."""
-    spirals = {each["name"]: each["rms_urad"] for each in study("limits")["spirals"]}
+    """Return RMS errors of strategies when actuators reach their limits."""
+    spirals = {run["name"]: run["rms_urad"] for run in study("limits")["spirals"]}
     conditions = {"healthy": "no failure", "stuck": "strut 1 stuck"}
     rows = [
         [label, *(f"{spirals[f'{condition}_{name}']:.0f}" for condition in conditions)]
@@ -164,7 +164,7 @@ def limits() -> str:
 
 
 def recovered() -> str:
-    """Errors of locked, free and weak struts with all mismatches."""
+    """Return errors with locked, free and weak struts and all mismatches."""
     result = study("recover")
     size = 1e6 * result["path_size_rad"]
     rows = []
@@ -190,19 +190,19 @@ SIZES = {
 
 
 def mismatch_sizes() -> str:
-    """Identification where the plant differs more from the model than the stated sizes."""
+    """Return identification results for mismatches larger than the stated sizes."""
     groups = study("recover")["by_mismatch"]
-    found = {(each["mismatch"], each["factor"]): each for each in groups}
+    by_size = {(group["mismatch"], group["factor"]): group for group in groups}
     rows = []
     for name, label in SIZES.items():
         cells = []
         for factor in (3.0, 10.0, 30.0):
-            each = found[name, factor]
-            median = each["named_median_s"]
-            parts = [f"{each['right_count']}/{each['runs']}"]
+            group = by_size[name, factor]
+            median = group["named_median_s"]
+            parts = [f"{group['right_count']}/{group['runs']}"]
             parts += [] if median is None else [f"{1e3 * median:.0f} ms"]
             for key, word in {"alarm_before": "false", "healthy_named": "healthy"}.items():
-                count = each[f"{key}_count"]
+                count = group[f"{key}_count"]
                 parts += [f"{count} {word}"] if count else []
             cells.append(", ".join(parts))
         rows.append([label, *cells])
@@ -210,7 +210,7 @@ def mismatch_sizes() -> str:
 
 
 def recover_events() -> str:
-    """Events in which the supervised error differs from that of doing nothing, or is misjudged."""
+    """Return the events in which diagnosis changes the error, or identifies healthy struts."""
     with (DOCS / "data" / "recover_events.csv").open(encoding="utf-8") as file:
         events = list(csv.DictReader(file))
     rows = []
@@ -228,18 +228,17 @@ GAINED = 0.97
 
 
 def events() -> str:
-    """Each event that `fjh track --event` takes, what it does, and what diagnoses it correctly."""
+    """Return the events of `fjh track --event`, their effects and their correct diagnoses."""
     rows = [
         [f"`{name}`", kind.of, kind.sentence, ", ".join(kind.correct_kinds) or kind.cause or "none"]
         for name, kind in EVENTS.items()
     ]
-    head = ["event", "of", "what happens", "correct diagnosis"]
-    return "\n".join(f"|{'|'.join(cells)}|" for cells in (head, ["-"] * len(head), *rows))
+    return markdown(["event", "of", "what happens", "correct diagnosis"], rows)
 
 
 TABLES: dict[str, Callable[[], str]] = {
-    made.__name__: made
-    for made in (
+    table.__name__: table
+    for table in (
         *(table1, uncorrected, jacobian, force, goals, limits),
         *(recovered, mismatch_sizes, recover_events, events),
     )
@@ -247,13 +246,13 @@ TABLES: dict[str, Callable[[], str]] = {
 
 
 def written(text: str) -> str:
-    """A page with its tables as they are now."""
+    """Return the text of a page with up-to-date tables."""
     place = re.compile(r"(<!-- table (\w+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
-    return place.sub(lambda found: f"{found[1]}{TABLES[found[2]]()}\n", text)
+    return place.sub(lambda match: f"{match[1]}{TABLES[match[2]]()}\n", text)
 
 
 def setup(app: "Sphinx") -> dict[str, bool]:
-    """Write the tables of each page that is read."""
+    """Update the tables of each page that Sphinx reads."""
 
     def read(_app: "Sphinx", _name: str, source: list[str]) -> None:
         source[0] = written(source[0])
@@ -263,14 +262,16 @@ def setup(app: "Sphinx") -> dict[str, bool]:
 
 
 def main(check: bool) -> int:
-    """Write the pages, or say which are not up to date."""
-    old = [page for page in DOCS.rglob("*.md") if written(page.read_text()) != page.read_text()]
-    for page in old:
+    """Write the pages, or print those that are not up to date."""
+    outdated = [
+        page for page in DOCS.rglob("*.md") if written(page.read_text()) != page.read_text()
+    ]
+    for page in outdated:
         if check:
-            print(f"docs/{page.relative_to(DOCS)}: a table is not that of docs/data: make tables")
+            print(f"docs/{page.relative_to(DOCS)}: a table differs from docs/data; run make tables")
         else:
             page.write_text(written(page.read_text()), encoding="utf-8")
-    return int(check and bool(old))
+    return int(check and bool(outdated))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Links between the pages and the API reference, both ways; the pages stay plain Markdown.
 
 A name in backticks on a page, as `Kinematics.passive_rates`, links to its entry in the reference.
-An entry whose name stands on theory.md links back to the section. That page is the one source.
+An entry whose name stands on theory.md links back to the section.
 """
 
 import inspect
@@ -20,31 +20,31 @@ REFERENCE = "api/"
 
 
 def name_of(code: str) -> str | None:
-    """The name in a piece of code, without arguments; None where it may be something else.
+    """Return the name in a piece of code, without arguments; None if it may be something else.
 
     A lower-case word alone, as `hand`, may as well be a file, a key or an option.
     """
-    found = re.fullmatch(r"([A-Za-z]\w*(?:\.[A-Za-z]\w*)*)(\(.*\))?", code, re.DOTALL)
-    if not found:
+    match = re.fullmatch(r"([A-Za-z]\w*(?:\.[A-Za-z]\w*)*)(\(.*\))?", code, re.DOTALL)
+    if not match:
         return None
-    name, arguments = found.groups()
+    name, arguments = match.groups()
     return name if arguments or re.search(r"[._A-Z]", name) else None
 
 
 def entry(name: str, documented: Iterable[str]) -> str | None:
-    """The documented name that ends with this one, of several the outermost; None for a tie."""
+    """Return the documented name that ends with this one, the outermost of several; None: a tie."""
     candidates = sorted((n for n in documented if f".{n}".endswith(f".{name}")), key=depth)
     tie = len(candidates) > 1 and depth(candidates[0]) == depth(candidates[1])
     return None if tie or not candidates else candidates[0]
 
 
 def depth(full_name: str) -> int:
-    """How deep in packages and classes a name stands."""
+    """Return the depth of a full name in packages and classes."""
     return full_name.count(".")
 
 
-def named(page: str) -> dict[str, dict[str, list[str]]]:
-    """Of each name on the theory page, by heading: first cells of the table rows that have it."""
+def places_of(page: str) -> dict[str, dict[str, list[str]]]:
+    """Return for each name on the theory page, by heading, the first cells of its table rows."""
     places: dict[str, dict[str, list[str]]] = {}
     for section in re.split(r"^## ", page, flags=re.MULTILINE)[1:]:
         heading, *lines = section.splitlines()
@@ -62,12 +62,12 @@ def link_back(
     app.env.note_dependency(str(THEORY))
     if what == "class" and lines[:1] == (inspect.getdoc(obj.__init__) or "").splitlines()[:1]:
         return  # the class itself has them
-    found: dict[str, dict[str, None]] = {}
-    for name, places in named(THEORY.read_text()).items():
+    sections: dict[str, dict[str, None]] = {}
+    for name, places in places_of(THEORY.read_text()).items():
         if full_name.endswith(f".{name}"):
             for heading, labels in places.items():
-                found.setdefault(heading, {}).update(dict.fromkeys(labels))
-    for heading, labels in found.items():
+                sections.setdefault(heading, {}).update(dict.fromkeys(labels))
+    for heading, labels in sections.items():
         rows = re.sub(r"\$([^$]*)\$", r":math:`\1`", "; ".join(labels))
         link = f"*Theory*, :ref:`theory:{heading}`"
         lines += ["", f"{link}: {rows}." if rows else f"{link}."]
@@ -79,7 +79,7 @@ class LinkedNames(SphinxPostTransform):
     default_priority = 5
 
     def run(self, **_kwargs: Any) -> None:
-        """Of one page; the reference has links of its own."""
+        """Link the names of one page; pages of the reference have their own links."""
         page = self.env.current_document.docname
         if page.startswith(REFERENCE):
             return

@@ -1,7 +1,7 @@
-"""Three failures, flown and filmed, in place of the picture on the front page.
+"""Animations of three failures, which replace the picture of the front page on the site.
 
-That page stays plain Markdown, with a picture for who reads it elsewhere. A film is a page of
-viser's own with a flight in it, which plays without network; it is made with the site.
+The page itself stays plain Markdown with a picture. An animation is a page of viser's with a
+recorded run, which plays without network; it is made with the site.
 """
 
 from pathlib import Path
@@ -22,40 +22,45 @@ from sim import MODELS
 BREAKS, ENDS, FRAME = 1500, 4500, 50
 """Ticks of 1 ms."""
 NEARER, HIGHER = 0.66, 0.3
-"""The camera than the live page's: in parts of its distance, and in extents of the machine."""
+"""Distance of the camera relative to the live page's, and its added height in model extents."""
 FILMS = {
-    "motor": ("arm", "motor4 locks", 50, lambda flown: flown.make(3, "locked")),
-    "sensor": ("hexapod", "its sensor is stuck", 200, lambda flown: flown.disturb("stuck", True)),
-    "strut": ("hexapod", "strut1 locks", 2000, lambda flown: flown.make(0, "locked")),
+    "motor": ("arm", "motor4 locks", 50, lambda session: session.make(3, "locked")),
+    "sensor": (
+        "hexapod",
+        "its sensor is stuck",
+        200,
+        lambda session: session.disturb("stuck", True),
+    ),
+    "strut": ("hexapod", "strut1 locks", 2000, lambda session: session.make(0, "locked")),
 }
-"""Robot, what happens to it, by how much motion is magnified, and how it is made to happen."""
+"""Robot, failure, magnification of motion, and the function that causes the failure."""
 LINKS = " &middot; ".join(
-    f'<a href="tour/{name}.html" target="tour">{robot}: {happens}</a>'
-    for name, (robot, happens, *_) in FILMS.items()
+    f'<a href="tour/{name}.html" target="tour">{robot}: {failure}</a>'
+    for name, (robot, failure, *_) in FILMS.items()
 )
 FRAMED = f"""
 <iframe name="tour" src="tour/motor.html" title="Two robots, before and after a failure"
   style="width: 100%; height: clamp(18rem, 48vw, 27rem); border: 0"></iframe>
-<p>{LINKS}. The left robot is supervised, the right one is not; what has failed is magenta.</p>
+<p>{LINKS}. The left robot is supervised, the right one is not; failed parts are magenta.</p>
 """
 
 
 class Tour(SphinxPostTransform):
-    """Put it where the first picture of the front page is."""
+    """Replace the first picture of the front page by the animations."""
 
     default_priority = 5
     formats = ("html",)
 
     def run(self, **_kwargs: Any) -> None:
-        """Of one page."""
+        """Replace the picture if this is the front page."""
         if self.env.current_document.docname == "index":
             picture = next(iter(self.document.findall(nodes.image)))
             picture.parent.replace_self(nodes.raw("", FRAMED, format="html"))
 
 
 def film(name: str, folder: Path) -> Session:
-    """Write one of `FILMS`; what was flown."""
-    robot, happens, factor, fail = FILMS[name]
+    """Write one of `FILMS`; return its session."""
+    robot, failure, factor, fail = FILMS[name]
     arm = robot == "arm"
     rig = Rig.of_mjcf(MODELS / "arm.xml", major=[3, 4, 5]) if arm else Rig.hexapod()
     session, server = Session(rig), LocalServer(None)
@@ -71,7 +76,7 @@ def film(name: str, folder: Path) -> Session:
             session.advance(tick - session.tick)
             stage.show()
             caption.text = (
-                f"{tick / 1000:.2f} s: {happens if tick > BREAKS else 'all actuators are healthy'}"
+                f"{tick / 1000:.2f} s: {failure if tick > BREAKS else 'all actuators are healthy'}"
             )
             recorded.insert_sleep(FRAME / 1000)
             if tick == BREAKS:
@@ -83,19 +88,19 @@ def film(name: str, folder: Path) -> Session:
 
 
 def add(app: Sphinx, exception: Exception | None) -> None:
-    """Write the films into the site, unless this code has done so before."""
+    """Write the animations into the site, unless they are of the present code."""
     if exception is None and app.builder.format == "html":
         folder = Path(app.outdir) / "tour"
-        known, code = folder / "code.txt", code_sha256()
-        if not known.exists() or known.read_text() != code:
+        written, code = folder / "code.txt", code_sha256()
+        if not written.exists() or written.read_text() != code:
             folder.mkdir(exist_ok=True)
             for name in FILMS:
                 film(name, folder)
-            known.write_text(code)
+            written.write_text(code)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Register both."""
+    """Register the transform and the animations."""
     app.add_post_transform(Tour)
     app.connect("build-finished", add)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
