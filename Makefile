@@ -6,11 +6,11 @@ STAMP := .venv/installed
 COMMAND := .venv/command
 KERNELS := kernels/_kernels.so
 INSTALL := $(BIN)/python -m pip install --no-compile --constraint constraints.txt --editable
-RUNS := results/report
+RUNS := build/numbers
 # Run of the arm around a circle of 30 mm; its shoulder locks after 3.25 s.
 LOCKED := --major 3,5,4 --size 0.015 --turn 4 --fail motor2:locked@3.25 --duration 6.5
 
-.PHONY: venv lock table1 test test-all test-ci test-processors coverage test-sanitized fuzz wheel-test robots dist check hooks docs tables bench pictures clean
+.PHONY: venv lock table1 test test-all test-ci test-processors coverage test-sanitized fuzz wheel-test numbers robots dist check hooks docs tables bench pictures clean
 
 venv: $(STAMP) $(KERNELS)
 
@@ -84,8 +84,18 @@ fuzz:
 wheel-test:
 	$(PYTHON) tools/wheel.py
 
-# Robots of registry packages, from their file to a run, for docs/data/robots.csv and docs/refused.md;
-# an hour the first time. Robots with a result in build/robots/trials are not run again.
+# Every number of the pages, from this checkout: all studies, public robots and times, copied to
+# docs/data. Two hours on two idle cores; after an interruption the same command continues. A check
+# that fails stops nothing: docs/data/origin.json names it.
+numbers: venv
+	-$(BIN)/fjh paper report --out $(RUNS)
+	$(MAKE) robots
+	-$(MAKE) bench
+	$(BIN)/python -m tools.numbers $(RUNS)
+	$(MAKE) tables
+
+# Robots of registry packages, from their file to a run, and three of them with failures, in
+# build/robots; results of the same code are not computed again.
 robots: venv
 	$(BIN)/python -m tools.public_robots
 
@@ -139,15 +149,13 @@ build/bench/installed: pyproject.toml benchmarks/constraints.txt
 	$(BENCH) -m pip install --no-compile --constraint benchmarks/constraints.txt --editable ".[sim]" --group bench
 	touch build/bench/installed
 
-# The pictures in docs/pictures without the drawings machine, figure2, figure3 and rooms: figures of
-# all studies, recordings in the viewer, and pages in Chromium, which must be installed. Estimated
-# two hours the first time, 40 minutes of them `recover`; results that exist are not computed again.
+# The pictures in docs/pictures without the drawings machine, figure2, figure3 and rooms, after `make
+# numbers`: figures of studies, recordings in the viewer, and pages in Chromium, which must be
+# installed.
 pictures: venv
-	$(BIN)/fjh paper report --out $(RUNS)
-	$(BIN)/fjh paper atlas --resume --out $(RUNS)/flown
-	for file in $(RUNS)/*/*.png; do \
-	  [ ! -e docs/pictures/$$(basename $$file) ] || cp $$file docs/pictures/; done
-	$(MAKE) bench
+	for study in table1 figures jacobian uncorrected force goals limits recover events sweep atlas; do \
+	  for file in $(RUNS)/$$study/*.png; do \
+	    [ ! -e docs/pictures/$$(basename $$file) ] || cp $$file docs/pictures/; done; done
 	cp build/bench/bench.png docs/pictures/
 	$(BIN)/fjh survey models/arm.xml --axes base --out $(RUNS)/surveyed/arm
 	cp $(RUNS)/surveyed/arm/survey.png docs/pictures/

@@ -37,5 +37,5 @@ from argument_checks.values import integer as integer
 from argument_checks.values import members as members
 from argument_checks.values import number as number
 
-__version__ = "0.2.0"
+__version__ = "1.0.0rc1"
 """Version of the distribution, defined here because this package imports no other."""

@@ -289,8 +289,8 @@ def sweep(
     """Simulate many closed loops with varied weights, failures and constants.
 
     The design is a Latin hypercube or a grid over weights, failures, failure times and constants of
-    the testbed; each run is compared with the linear model. The default of 1000 runs of 4 s takes
-    10 to 30 minutes on two cores, 20 s with --quick.
+    the testbed; each run is compared with the linear model. The default of 400 runs of 4 s takes
+    5 to 15 minutes on two cores, 20 s with --quick.
 
     Rows are saved in OUT/unfinished.jsonl: after Ctrl-C, --resume continues. On processors of one
     kind the numbers are identical for any number of workers and interruptions.

@@ -28,7 +28,7 @@ Start with `fjh table1`, which is `fjh paper table1`: a minute on two cores.
 PAPER_HELP = """Reproduce the paper, and validate what this package adds to it.
 
 Each study simulates one experiment in MuJoCo and prints the main numbers; `fjh paper report` runs
-most of them. `python -m experiments STUDY` is the same as `fjh paper STUDY`.
+them all. `python -m experiments STUDY` is the same as `fjh paper STUDY`.
 """
 EXIT_CODES = """\b
 Exit codes:

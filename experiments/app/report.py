@@ -1,4 +1,4 @@
-"""Command `fjh paper report`, which runs the main studies and puts them on one page."""
+"""Command `fjh paper report`, which runs all studies and puts them on one page."""
 
 import inspect
 import json
@@ -20,25 +20,33 @@ from fjh.study.option import Option, Study, command_arguments, seed_of
 from fjh.study.page import data_uri, rendered, version_text
 
 INDEX = "report.json"
+MODELS = Path(__file__).parents[2] / "models"  # without the import of MuJoCo by `sim`
 
-STUDIES: dict[str, dict[str, Any]] = {
-    name: {} for name in (*PAPER, "survey") if name != "atlas"
-} | {"jacobian": {"loop": True}}
-"""Options of the report's studies that differ from their defaults, by name, in order."""
+STUDIES: dict[str, tuple[str, dict[str, Any]]] = {name: (name, {}) for name in (*PAPER, "survey")}
+"""Studies, by chapter, with options that differ from their defaults; a chapter is a folder."""
+STUDIES["jacobian"] = ("jacobian", {"loop": True})
+STUDIES["events"] = ("recover", {"events": True})
+ROBOTS = {"platform": (3, 4), "hand": (3, 4), "arm": (0, 1), "arms": (3, 4, 5)}
+"""Major rows of the bundled robots on which failures and events are simulated."""
+for _robot, _rows in ROBOTS.items():
+    _options = {"model": MODELS / f"{_robot}.xml", "major": _rows}
+    STUDIES[_robot] = ("recover", _options)
+    if _robot in ("arm", "hand"):
+        STUDIES[f"{_robot}_events"] = ("recover", {**_options, "events": True})
 
 
 def report(
     *,
     seed: Annotated[int, seed_of("every study")] = 0,
-    quick: Annotated[bool, Option(help="Every study with its own --quick: 5 minutes.")] = False,
+    quick: Annotated[bool, Option(help="Every study with its own --quick: 8 minutes.")] = False,
     out: Out = Path("results", "report"),
     quiet: Quiet = False,
 ) -> None:
-    """Run the main studies and write one HTML page on all of them.
+    """Run all studies and write one HTML page on them.
 
     The page is a single file with the tables, figures and checks of each study, the command that
-    reproduces it, and at the end computer, versions and commit. The studies track and atlas are
-    left out. Takes an estimated two hours on two cores.
+    reproduces it, and at the end computer, versions and commit. The study track is left out.
+    Takes about two hours on two cores.
 
     After Ctrl-C the same command continues, also within a sweep. A finished study is run again only
     if its files, the options, the code, the package versions or the processor have changed. The
@@ -62,7 +70,12 @@ def report(
 
 
 def run_report(
-    studies: Mapping[str, Mapping[str, Any]], folder: Path, *, seed: int, quick: bool, show: bool
+    studies: Mapping[str, tuple[str, Mapping[str, Any]]],
+    folder: Path,
+    *,
+    seed: int,
+    quick: bool,
+    show: bool,
 ) -> dict[str, Any]:
     """Run every study that is not complete in the folder; return the contents of `report.json`.
 
@@ -76,11 +89,12 @@ def run_report(
     basis |= {"versions": provenance.versions(), "machine": provenance.machine()}
     entries = _former(folder, basis)
     summary: dict[str, Any] = {}
-    for k, (name, options) in enumerate(studies.items(), 1):
+    for k, (name, (which, options)) in enumerate(studies.items(), 1):
         if name not in entries:
             values, label = {"seed": seed, "quick": quick, **options}, f"{k}/{len(studies)} {name}"
             try:
-                entries[name] = _run(name, folder / name, values, label, show)
+                ran = _run(which, folder / name, values, label, show)
+                entries[name] = {"name": name, "study": which, **ran}
             except (KeyboardInterrupt, Interrupted):
                 where = f"{name}, study {k} of {len(studies)}"
                 again = f"finished studies are saved, and the same command continues with {where}"
@@ -112,7 +126,6 @@ def _run(
     except Unsound as unsound:  # it diverged: there are no results
         complaint, files = str(unsound), []
     return {
-        "name": name,
         "command": _command(function, values, folder),
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "wall_time_s": round(time.perf_counter() - start, 1),
@@ -147,10 +160,11 @@ def page(summary: Mapping[str, Any], folder: Path) -> str:
 
     markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
 
-    def body(name: str) -> str:
-        """Return the page NAME.md of a study as HTML, with embedded figures."""
-        files = folder / name
-        html = markdown.render((files / f"{name}.md").read_text()).replace("h2>", "h3>")
+    def body(chapter: Mapping[str, Any]) -> str:
+        """Return the page of a chapter's study as HTML, with embedded figures."""
+        files = folder / chapter["name"]
+        html = markdown.render((files / f"{chapter['study']}.md").read_text())
+        html = html.replace("h2>", "h3>")
         return re.sub(r'src="([^"/:]+)"', lambda match: f'src="{data_uri(files / match[1])}"', html)
 
     def about(name: str) -> str:

@@ -76,7 +76,7 @@ def recover(
         float, Option(metavar="H", help="Hours to simulate without failures; fewer with --quick.")
     ] = HOURS,
     events: Annotated[
-        bool, Option(help="Simulate events other than failures (docs/recover.md): 30 minutes.")
+        bool, Option(help="Simulate events other than failures (docs/recover.md): 15 minutes.")
     ] = False,
     controller: Controller = None,
     where: Where = HERE,
@@ -90,7 +90,7 @@ def recover(
 
     Struts lock, or lose coil force, at random times, on plants that differ from the controller's
     model. The supervisor is compared with a controller that is informed at once, and with one
-    without diagnosis. Takes 40 minutes on two idle cores, half a minute with --quick; --events and
+    without diagnosis. Takes half an hour on two cores, half a minute with --quick; --events and
     --model simulate other cases instead. After Ctrl-C, --resume continues.
 
     Writes recover.json, the rows as recover.parquet, tables, a figure, some runs and recordings.
@@ -176,7 +176,7 @@ def hexapod_basis(seed: int, quick: bool, events: bool, controller: str | None) 
     """Return the parameters from which failures or events of the hexapod are sampled."""
     if events:
         names, count = (plan.QUICK_EVENTS, 1) if quick else (tuple(EVENTS), plan.EVENTS_EACH)
-        healthy_s = 2.0 if quick else 3600.0
+        healthy_s = 2.0 if quick else 600.0
         return {"seed": seed, "events": {"names": names, "each": count, "healthy_s": healthy_s}}
     blocks, healthy_s = (plan.QUICK, 2.0) if quick else (plan.WHOLE, BENCH.duration_s)
     failures_basis = {"blocks": blocks, "healthy_s": healthy_s, "controller": controller}

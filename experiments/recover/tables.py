@@ -49,7 +49,7 @@ def grouped(rows: pd.DataFrame, noise: float) -> dict[str, pd.DataFrame]:
         "by_kind": (rows[(rows.sort == "failure") & (rows.mismatch == "all")], "sense kind"),
         "by_event": (rows[rows.sort == "event"], "event"),
         "pairs": (rows[rows.sort == "pair"], "mismatch"),
-        "healthy": (rows[rows.sort == "healthy"], "sense"),
+        "healthy": (rows[rows.sort == "healthy"], "sense mismatch"),
     }
     return {
         name: pd.DataFrame(
@@ -205,10 +205,9 @@ def checks(settings: Mapping[str, Any], rows: pd.DataFrame, tables: Tables) -> l
         what = "largest RMS error over that of a controller without diagnosis"
         result += check(what, worst, WORST)
     if "healthy" in tables and ("by_event" in tables or "beliefs" in tables):
-        healthy, where = tables["healthy"].iloc[0], "runs without failures or events"
-        identified = healthy.healthy_named_count
+        healthy, where = tables["healthy"].set_index("mismatch"), "runs without failures or events"
         what = "number of runs in which an actuator was identified as failed"
-        result += check(what, identified, 1, where)
+        result += check(what, healthy.healthy_named_count, 1, where)
         what = "number of runs whose commands an alarm changed"
         result += check(what, healthy.commands_changed, 1, where)
     return result + (goals(tables) if "beliefs" in tables else [])
@@ -217,7 +216,7 @@ def checks(settings: Mapping[str, Any], rows: pd.DataFrame, tables: Tables) -> l
 def goals(tables: Tables) -> list[Check]:
     """Return checks of the hexapod's failures and recorded runs, and of another controller."""
     stability = tables["beliefs"]
-    [healthy], [pairs] = (tables[name].itertuples() for name in ("healthy", "pairs"))
+    [pairs] = tables["pairs"].itertuples()
     worst = stability.iloc[greatest(stability.sensitivity_peak)]
     failures = tables["by_mismatch"].query("factor == 1.0").set_index("mismatch")
     isolated = "share of the isolable failures that is not identified"
@@ -236,10 +235,11 @@ def goals(tables: Tables) -> list[Check]:
     result += check(what, failures.named_median_s["all"], IDENTIFIED_S, "all mismatches")
     what = "number of runs in which a healthy actuator was identified as failed"
     result += check(what, failures.healthy_named_count.sum(), 1, "runs with a failure")
-    low, high = healthy.alarms_per_hour_low_95, healthy.alarms_per_hour_high_95
-    side, rate = ("upper", high) if healthy.hours >= ENOUGH_H else ("lower", low)
-    what = f"{side} 95 % bound of the false alarms per hour"
-    result += check(what, rate, ALARMS_PER_HOUR, "runs without failures")
+    for healthy in tables["healthy"].itertuples():
+        low, high = healthy.alarms_per_hour_low_95, healthy.alarms_per_hour_high_95
+        side, rate = ("upper", high) if healthy.hours >= ENOUGH_H else ("lower", low)
+        what = f"{side} 95 % bound of the false alarms per hour"
+        result += check(what, rate, ALARMS_PER_HOUR, f"{healthy.mismatch}, no failures")
     is_wrong = tables["shown"].set_index("name").all_right.eq(False).astype(float)
     what = "wrong diagnosis of the failures or of the task (0 no, 1 yes),"
     result += check(what, is_wrong.rename("run {}".format), 0.5)
@@ -278,7 +278,8 @@ def notes(rows: pd.DataFrame, tables: Tables) -> list[str]:
     lines = []
     for row in tables["healthy"].itertuples() if "healthy" in tables else ():
         most = f"below {row.alarms_per_hour_high_95:.2g} per hour at 95 %"
-        lines.append(f"{row.alarms} alarms in {row.watched_hours:.2g} healthy hours: {most}.")
+        where = f"{row.watched_hours:.2g} healthy hours, {row.mismatch}"
+        lines.append(f"{row.alarms} alarms in {where}: {most}.")
     reasons = rows.message[rows.status == "refused"].unique()
     lines += [f"Not simulated: {reason}." for reason in sorted(reasons)]
     for other in tables["controller"].itertuples() if "controller" in tables else ():

@@ -55,7 +55,7 @@ def report(tmp_path, monkeypatch, capsys):
     out = tmp_path / "out"
 
     def run(*options: str, **made: Callable[..., Result]) -> tuple[int, dict, str]:
-        monkeypatch.setattr(report_module, "STUDIES", {name: {} for name in made})
+        monkeypatch.setattr(report_module, "STUDIES", {name: (name, {}) for name in made})
         monkeypatch.setattr(report_module, "LINES", {name: f"About {name}." for name in made})
         monkeypatch.setattr(report_module, "study", lambda name: synthetic_study(name, made[name]))
         code = main(["paper", "report", "--out", str(out), *options])
@@ -172,7 +172,7 @@ def test_a_failed_study_is_reported_and_the_others_are_run(report, tmp_path):
 @pytest.mark.long
 @pytest.mark.night
 def test_a_real_study_is_on_the_page(tmp_path, monkeypatch):
-    monkeypatch.setattr(report_module, "STUDIES", {"release": {}})
+    monkeypatch.setattr(report_module, "STUDIES", {"release": ("release", {})})
     assert main(["paper", "report", "--quick", "--quiet", "--out", str(tmp_path)]) == 0
     page = (tmp_path / "report.html").read_text()
     text = text_of(page, json.loads((tmp_path / "report.json").read_text()))

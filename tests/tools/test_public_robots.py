@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 
 from sim import MODELS, Body, jacobians
-from tools.public_robots.page import COLUMNS, END, START, page, table
 from tools.public_robots.registry import files
 from tools.public_robots.stripping import stripped
+from tools.public_robots.summary import COLUMNS, table, totals
 from tools.public_robots.task_frame import task_frame
 from tools.public_robots.trial import difference_error, power_error
 
@@ -112,16 +112,19 @@ def test_a_wrong_jacobian_is_detected_by_differences_and_a_wrong_rate_by_power()
     assert power_error(model, data, bad, body) > 0.01
 
 
-def test_results_become_lines_of_a_csv_file_and_totals_on_the_page():
+def test_results_become_lines_of_a_csv_file_and_totals():
     """The robots are one that completed both runs and one that was refused."""
     numbers = {"measured": [3.0, 4.0], "predicted": [5.0, 0.0], "uncompared": None, "leaves": None}
-    numbers |= {"of_path": 0.05, "wrong": [], "named_after_ms": 80}
+    numbers |= {"of_path": 0.05, "wrong": ["motor1 is locked"], "named_after_ms": 80}
     done: dict = {"package": "dm-control", "name": "arm", "stage": None, "load": {"actuators": 2}}
     done |= {"rig": {"rows": [3, 4], "warnings": []}, "healthy": numbers, "lock": numbers}
     rejected = {"package": "dm-control", "name": "hand", "stage": "rig", "refused": "no task"}
-    text = page(f"above\n{START}old\n{END}\nbelow\n", [done, rejected], "Conditions.")
-    assert text.startswith(f"above\n{START}Conditions.\n") and text.endswith(f"{END}\nbelow\n")
-    assert "2 models: 1 completed both runs, 1 were refused" in text and "old" not in text
+    result = totals([done, rejected])
+    assert [result[key] for key in ("models", "completed", "refused")] == [2, 1, 1]
+    for key in ("healthy_wrong", "healthy_close", "lock_close", "lock_named"):
+        assert (result[f"{key}_count"], result[f"{key}_cases"]) == (1, 1)
+        assert np.isclose(result[f"{key}_low"], 0.025) and result[f"{key}_high"] == 1.0
+    assert result["jacobians_models"] == 0 and result["healthy_off_without_warning"] == 0
     rows = list(csv.DictReader(io.StringIO(table([done, rejected]))))
     assert [row["outcome"] for row in rows] == ["completed", "refused"]
     assert rows[0]["measured_over_predicted"] == "1.00" and rows[1]["message"] == "rig: no task"

@@ -11,7 +11,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from datetime import date
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from fjh.rig.dither import dither_of
 from fjh.rig.reach import diagnosed_at_s, uncompared
 from fjh.rig.run import rms
 from fjh.study.errors import WrongInput
-from fjh.study.provenance import commit
+from fjh.study.provenance import code_sha256, commit
 from ftc import is_possible
 from prioritized import ConstrainedSystem
 from sim import (
@@ -60,7 +60,7 @@ _ADVICE = re.compile(r"pinned (\S+)$")
 
 def main(file: Path, out: Path) -> None:
     """Run all stages and write their results."""
-    record: dict[str, Any] = {"date": date.today().isoformat(), "commit": commit()}
+    record: dict[str, Any] = {"code_sha256": code_sha256(), "commit": commit()}
 
     def save(**more: Any) -> None:
         record.update(more)
@@ -77,7 +77,8 @@ def main(file: Path, out: Path) -> None:
     except Exception as error:
         message = " ".join(traceback.format_exception_only(error)[-1].split())
         save(traceback=message, whole=traceback.format_exc())
-    save(duration_s=round(time.monotonic() - start, 1))
+    finished = datetime.now(UTC).isoformat(timespec="seconds")
+    save(duration_s=round(time.monotonic() - start, 1), finished=finished)
 
 
 def stages(file: Path) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -1,6 +1,6 @@
 """Mismatch of a hexapod: general sizes, and springs, hysteresis, drifts and floor."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -44,9 +44,6 @@ ALONE: dict[str, Mismatch] = {name: Mismatch(**{name: size}) for name, size in A
 
 SAMPLED = ("gain", "stiffness", "damping", "inertia")
 """Sizes that are sampled for each part; `ftc.fdi.uncertainty.TYPICAL` has the diagnosis's prior."""
-
-OTHER = replace(ALL, family="lognormal", **{name: 2 * getattr(ALL, name) for name in SAMPLED})
-"""Mismatch of another family than the diagnosis's prior: log-normal, correlated, twice as wide"""
 
 SLIP_M = (0.3e-6, 30e-6)
 """Range of the stretch [m] at which a hysteresis element slips, sampled log-uniformly: from less

@@ -1,4 +1,4 @@
-"""Results of all robots: docs/data/robots.csv, and the totals on docs/refused.md."""
+"""Results of all robots: a table with a row for each, and totals."""
 
 import csv
 import io
@@ -8,13 +8,14 @@ from collections.abc import Sequence
 from math import hypot
 from typing import Any
 
+import pandas as pd
+
+from experiments.recover.tables import share
 from fjh.rig.units import ROWS
 from tools.public_robots.registry import PACKAGES
 
 AGREES = 0.2
 """Relative error up to which an RMS agrees with the prediction."""
-START = "<!-- totals of `make robots` -->\n"
-END = "<!-- end -->"
 COLUMNS = (
     *("package", "version", "robot", "actuators", "major_rows", "outcome"),
     *("rms_percent_of_radius", "measured_over_predicted", "after_lock_measured_over_predicted"),
@@ -23,20 +24,6 @@ COLUMNS = (
 """Columns of the CSV file; cells are empty where a robot has no result or prediction."""
 RUNS = ("healthy", "lock")
 Record = dict[str, Any]
-
-
-def page(before: str, records: Sequence[Record], conditions: str) -> str:
-    """Return the page with new totals.
-
-    Args:
-        before: Former page; only the text between :data:`START` and :data:`END` changes.
-        records: Records of all robots.
-        conditions: Date, versions and machine, one sentence.
-    """
-    head, _, tail = before.partition(START)
-    tail = tail.partition(END)[2]
-    totals = "\n".join(f"- {line}" for line in _counts(records))
-    return f"{head}{START}{conditions}\n\n{totals}\n{END}{tail}"
 
 
 def table(records: Sequence[Record]) -> str:
@@ -70,34 +57,27 @@ def _is_off(record: Record, run: str) -> bool:
     return value is not None and abs(value - 1.0) > AGREES and not record["rig"]["warnings"]
 
 
-def _counts(records: Sequence[Record]) -> list[str]:
-    """Return the totals, one sentence a line."""
-    kinds = Counter(map(outcome, records))
-    healthy, lock = ([each for each in records if run in each] for run in RUNS)
-    close, without = [], []
-    for run, finished in zip(RUNS, (healthy, lock), strict=True):
-        ratios = [_ratio(each[run]) for each in finished]
-        known = [each for each in ratios if each is not None]
-        close.append(f"{sum(abs(each - 1.0) <= AGREES for each in known)} of {len(known)}")
-        without.append(str(len(ratios) - len(known)))
-    silent = sum(any(_is_off(each, run) for run in RUNS) for each in healthy)
-    identified = sum(each["lock"]["named_after_ms"] is not None for each in lock)
-    wrong = sum(bool(each["healthy"]["wrong"]) for each in healthy)
-    worst = []
+def totals(records: Sequence[Record]) -> dict[str, Any]:
+    """Return the totals: outcomes, errors, agreement with predictions, and diagnoses.
+
+    Shares have the 95 % interval of Clopper and Pearson.
+    """
+    result: dict[str, Any] = {"models": len(records)} | Counter(map(outcome, records))
     for stage in ("jacobians", "power"):
-        errors = [each[stage]["error"] for each in records if stage in each]
-        largest = max(errors, default=0.0)
-        worst.append(f"{len(errors)} models, largest relative error {largest:.1e}")
-    return [
-        f"{len(records)} models: {kinds['completed']} completed both runs, {kinds['refused']} were "
-        f"refused, {kinds['timeout_s']} exceeded the time limit, {kinds['traceback']} crashed.",
-        f"Jacobians: {worst[0]}. Power: {worst[1]}.",
-        f"RMS error within 20 % of the prediction: {close[0]} runs without failure and "
-        f"{close[1]} after the lock; {without[0]} and {without[1]} have no prediction. "
-        f"Beyond 20 % without a warning that says why: {silent}.",
-        f"The lock was identified in {identified} of {len(lock)} runs. Something was diagnosed in "
-        f"{wrong} of {len(healthy)} runs without failure.",
-    ]
+        errors = [record[stage]["error"] for record in records if stage in record]
+        result |= {f"{stage}_models": len(errors), f"{stage}_largest_error": max(errors, default=0)}
+    for run in RUNS:
+        finished = [record for record in records if run in record]
+        ratios = [_ratio(record[run]) for record in finished]
+        known = [ratio for ratio in ratios if ratio is not None]
+        result |= share(f"{run}_close", pd.Series([abs(ratio - 1) <= AGREES for ratio in known]))
+        result[f"{run}_without_prediction"] = len(ratios) - len(known)
+        result[f"{run}_off_without_warning"] = sum(_is_off(record, run) for record in finished)
+        wrong = pd.Series([bool(record[run]["wrong"]) for record in finished])
+        result |= share(f"{run}_wrong", wrong)
+    locked = [record["lock"] for record in records if "lock" in record]
+    named = pd.Series([run["named_after_ms"] is not None for run in locked])
+    return result | share("lock_named", named)
 
 
 def _cells(record: Record) -> dict[str, object]:

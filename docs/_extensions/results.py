@@ -1,0 +1,37 @@
+"""Results in docs/data, by study, table and row; and values in sentences of the pages."""
+
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+DATA = Path(__file__).parents[1] / "data"
+
+
+@cache
+def study(name: str) -> dict[str, Any]:
+    """Return a result at full length: of a study, or of a further one, as "events" of `recover`."""
+    [file] = [*DATA.glob(f"{name}.json"), *DATA.glob(f"{name}/*.json")]
+    return json.loads(file.read_text(encoding="utf-8"))
+
+
+def rows(name: str, table: str, **where: Any) -> list[dict[str, Any]]:
+    """Return the rows of a study's table with these values."""
+    return [row for row in study(name)[table] if where.items() <= row.items()]
+
+
+def row(name: str, table: str, **where: Any) -> dict[str, Any]:
+    """Return the only row of a study's table with these values."""
+    [one] = rows(name, table, **where)
+    return one
+
+
+def count(group: dict[str, Any], key: str) -> str:
+    """Return a share as "306 of 306"."""
+    return f"{group[f'{key}_count']} of {group[f'{key}_cases']}"
+
+
+def interval(group: dict[str, Any], key: str) -> str:
+    """Return the 95 % interval of a share, as "98.8 to 100 %"."""
+    low, high = (100 * group[f"{key}_{side}"] for side in ("low", "high"))
+    return f"{low:.3g} to {high:.3g} %"
