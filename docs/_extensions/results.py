@@ -5,13 +5,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-DATA = Path(__file__).parents[1] / "data"
+DOCS = Path(__file__).parents[1]
 
 
 @cache
 def study(name: str) -> dict[str, Any]:
     """Return a result at full length: of a study, or of a further one, as "events" of `recover`."""
-    [file] = [*DATA.glob(f"{name}.json"), *DATA.glob(f"{name}/*.json")]
+    [file] = [*(DOCS / "data").glob(f"{name}.json"), *(DOCS / "data").glob(f"{name}/*.json")]
     return json.loads(file.read_text(encoding="utf-8"))
 
 

@@ -1,30 +1,25 @@
-"""Tables of the pages, written from the results in docs/data when the site is built.
+"""Tables and numbers of the pages, written from the results in docs/data when the site is built.
 
-A page has `<!-- table NAME -->` where a table begins and `<!-- end -->` where it ends. GitHub shows
-the tables that `python docs/_extensions/tables.py` (`make tables`) wrote last; with `--check` it
-writes nothing, and its exit code is 1 if a page is not up to date.
+A page has `<!-- table NAME -->` where a table begins and `<!-- end -->` where it ends, and
+`<!--NAME-->` before a number of `values.py`, `<!--/-->` after it. GitHub shows those that `python
+docs/_extensions/tables.py` (`make tables`) wrote last; with `--check` it writes nothing, and its
+exit code is 1 if a page is not up to date.
 """
 
-import csv
-import json
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from results import DOCS, study
+from values import VALUES
 
 from fjh.rig.events import EVENTS
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
-DOCS = Path(__file__).parents[1]
 ANGLES = ("alpha", "beta")
-
-
-def study(name: str) -> dict[str, Any]:
-    """Return the results of a study at full length."""
-    return json.loads((DOCS / "data" / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -211,14 +206,13 @@ def mismatch_sizes() -> str:
 
 def recover_events() -> str:
     """Return the events in which diagnosis changes the error, or identifies healthy struts."""
-    with (DOCS / "data" / "recover_events.csv").open(encoding="utf-8") as file:
-        events = list(csv.DictReader(file))
     rows = []
-    for event in events:
-        median, worst = (event[f"over_unaware_{part}"] for part in ("median", "worst"))
-        healthy, identified = event["healthy_identified_of_12"], event["identified_of_12"]
-        if float(median) < GAINED or int(healthy) > 2:
-            rows.append([event["event"], median, worst, identified or "-", healthy])
+    for event in study("events")["by_event"]:
+        median, worst = event["over_unaware_since_median"], event["counted_worst"]
+        healthy, cases = event["healthy_named_count"], event["right_cases"]
+        if median < GAINED or healthy > 2:
+            identified = str(event["right_count"]) if cases else "-"
+            rows.append([event["event"], f"{median:.2f}", f"{worst:.2f}", identified, str(healthy)])
     head = ["event", "median", "worst", "identified", "healthy"]
     return markdown(head, rows)
 
@@ -246,9 +240,11 @@ TABLES: dict[str, Callable[[], str]] = {
 
 
 def written(text: str) -> str:
-    """Return the text of a page with up-to-date tables."""
-    place = re.compile(r"(<!-- table (\w+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
-    return place.sub(lambda match: f"{match[1]}{TABLES[match[2]]()}\n", text)
+    """Return the text of a page with up-to-date tables and numbers."""
+    block = re.compile(r"(<!-- table (\w+)([ \w]*) -->\n).*?(?=<!-- end -->)", re.DOTALL)
+    text = block.sub(lambda match: f"{match[1]}{TABLES[match[2]](*match[3].split())}\n", text)
+    number = re.compile(r"(<!--([\w.]+)-->).*?(?=<!--/-->)", re.DOTALL)
+    return number.sub(lambda match: f"{match[1]}{VALUES[match[2]]()}", text)
 
 
 def setup(app: "Sphinx") -> dict[str, bool]:
@@ -263,12 +259,11 @@ def setup(app: "Sphinx") -> dict[str, bool]:
 
 def main(check: bool) -> int:
     """Write the pages, or print those that are not up to date."""
-    outdated = [
-        page for page in DOCS.rglob("*.md") if written(page.read_text()) != page.read_text()
-    ]
+    pages = (DOCS.parent / "README.md", *DOCS.rglob("*.md"))
+    outdated = [page for page in pages if written(page.read_text()) != page.read_text()]
     for page in outdated:
         if check:
-            print(f"docs/{page.relative_to(DOCS)}: a table differs from docs/data; run make tables")
+            print(f"{page}: a table or number differs from docs/data; run make tables")
         else:
             page.write_text(written(page.read_text()), encoding="utf-8")
     return int(check and bool(outdated))
