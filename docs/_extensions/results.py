@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 DOCS = Path(__file__).parents[1]
+ANGLES = ("alpha", "beta")
 
 
 @cache
@@ -15,12 +16,12 @@ def study(name: str) -> dict[str, Any]:
     return json.loads(file.read_text(encoding="utf-8"))
 
 
-def rows(name: str, table: str, **where: Any) -> list[dict[str, Any]]:
+def rows(name: str, table: str, /, **where: Any) -> list[dict[str, Any]]:
     """Return the rows of a study's table with these values."""
     return [row for row in study(name)[table] if where.items() <= row.items()]
 
 
-def row(name: str, table: str, **where: Any) -> dict[str, Any]:
+def row(name: str, table: str, /, **where: Any) -> dict[str, Any]:
     """Return the only row of a study's table with these values."""
     [one] = rows(name, table, **where)
     return one
@@ -35,3 +36,9 @@ def interval(group: dict[str, Any], key: str) -> str:
     """Return the 95 % interval of a share, as "98.8 to 100 %"."""
     low, high = (100 * group[f"{key}_{side}"] for side in ("low", "high"))
     return f"{low:.3g} to {high:.3g} %"
+
+
+def duration(*names: str) -> str:
+    """Return the measured time of these results together, as "60 s" or from 100 s on as "6 min"."""
+    seconds = round(sum(study("origin")[name]["wall_time_s"] for name in names))
+    return f"{seconds} s" if seconds < 100 else f"{seconds / 60:.0f} min"

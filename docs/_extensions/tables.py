@@ -11,15 +11,13 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from results import DOCS, study
+from results import ANGLES, DOCS, study
 from values import VALUES
 
 from fjh.rig.events import EVENTS
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
-
-ANGLES = ("alpha", "beta")
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
