@@ -1,7 +1,7 @@
 """Tables and numbers of the pages, written from the results in docs/data when the site is built.
 
 A page has `<!-- table NAME -->` where a table begins and `<!-- end -->` where it ends, and
-`<!--NAME-->` before a number of `values.py`, `<!--/-->` after it. GitHub shows those that `python
+`<!--NAME-->` before a number of `VALUES`, `<!--/-->` after it. GitHub shows those that `python
 docs/_extensions/tables.py` (`make tables`) wrote last; with `--check` it writes nothing, and its
 exit code is 1 if a page is not up to date.
 """
@@ -228,6 +228,7 @@ def events() -> str:
     return markdown(["event", "of", "what happens", "correct diagnosis"], rows)
 
 
+VALUES = values.VALUES | values_diagnosis.VALUES
 TABLES: dict[str, Callable[[], str]] = {
     table.__name__: table
     for table in (
