@@ -7,8 +7,8 @@ COMMAND := .venv/command
 KERNELS := kernels/_kernels.so
 INSTALL := $(BIN)/python -m pip install --no-compile --constraint constraints.txt --editable
 RUNS := build/numbers
-# Run of the arm around a circle of 30 mm; its shoulder locks after 3.25 s.
-LOCKED := --major 3,5,4 --size 0.015 --turn 4 --fail motor2:locked@3.25 --duration 6.5
+# The run `lock` of `fjh paper report`.
+LOCKED := --major 3,5,4 --size 0.015 --fail motor2:locked@3.25 --duration 6.5
 
 .PHONY: venv lock table1 test test-all test-ci test-processors coverage test-sanitized fuzz wheel-test numbers robots dist check hooks docs tables bench pictures clean
 
@@ -162,11 +162,9 @@ pictures: venv
 	$(BIN)/fjh review $(RUNS)/table1 --out $(RUNS)/review.rrd
 	$(BIN)/fjh render $(RUNS)/review.rrd --size 1600x1200 --out docs/pictures/review.png
 	$(BIN)/fjh render $(RUNS)/recover/locked.rrd --time 9.3 --out docs/pictures/failure.png
-	$(BIN)/fjh track models/arm.xml $(LOCKED) --diagnosis off --out $(RUNS)/lock/without_diagnosis
-	$(BIN)/fjh track models/arm.xml $(LOCKED) --out $(RUNS)/lock/with_diagnosis
-	$(BIN)/fjh render $(RUNS)/lock/with_diagnosis/track.rrd --out docs/pictures/run.png
-	$(BIN)/fjh animate $(RUNS)/lock/without_diagnosis/track.npz \
-	    $(RUNS)/lock/with_diagnosis/track.npz --out docs/pictures/animation.gif
+	$(BIN)/fjh track models/arm.xml $(LOCKED) --diagnosis off --out $(RUNS)/undiagnosed
+	$(BIN)/fjh render $(RUNS)/lock/track.rrd --out docs/pictures/run.png
+	$(BIN)/fjh animate $(RUNS)/undiagnosed/track.npz $(RUNS)/lock/track.npz --out docs/pictures/animation.gif
 	$(BIN)/python -m tools.live_picture docs/pictures/live.png
 
 clean:

@@ -44,7 +44,7 @@ def main(studies: Path, data: Path = ROOT / "docs" / "data") -> None:
     origins["robots"] = {key: last[key] for key in ("commit", "finished")}
     origins["bench"] = {"commit": timed["commit_info"]["id"], "finished": timed["datetime"]}
     ratios = records_of(measured_ratios(times_us(timed)))
-    contents = {"origin": origins, "robots": totals(trials), "bench": ratios}
+    contents = {"origin": origins, "robots": totals(trials), "bench": {"ratios": ratios}}
     for name, content in contents.items():
         (data / f"{name}.json").write_text(json.dumps(plain(content), indent=1))
     (data / "robots.csv").write_text(table(trials), encoding="utf-8")

@@ -11,8 +11,9 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from results import ANGLES, DOCS, study
-from values import VALUES
+import values
+import values_diagnosis
+from results import ANGLES, DOCS, GAINED, count, interval, row, rows, study
 
 from fjh.rig.events import EVENTS
 
@@ -115,9 +116,9 @@ def goals() -> str:
     seeds = {row["goal"]: row["difference_rms_urad"] for row in result["another_seed"]}
     worst = {(row["goal"], row["name"]): row["worst"] for row in result["runs"]}
     changes: dict[tuple[str, str], float] = {}
-    for row in result["angles"]:
-        key = row["goal"], row["name"]
-        changes[key] = max(changes.get(key, 0.0), row["difference_rms_urad"])
+    for angle in result["angles"]:
+        key = angle["goal"], angle["name"]
+        changes[key] = max(changes.get(key, 0.0), angle["difference_rms_urad"])
     styles = ("pursued", *(f"pseudo_inverse_{weight}" for weight in (1, 10, 100)))
     rows = []
     for goal, label in GOALS.items():
@@ -215,8 +216,111 @@ def recover_events() -> str:
     return markdown(head, rows)
 
 
-GAINED = 0.97
-"""Ratio of errors below which the page shows an event."""
+ROBOTS = {
+    "platform": "platform, x, y",
+    "hand": "hand, x, y",
+    "arm": "arm, rx, ry",
+    "arms": "two arms, x, y, z",
+} | {
+    f"{name}_{step}ms": f"{label}, {step} ms"
+    for name, label in {"panda": "Panda", "ur5e": "UR5e", "xarm7": "xArm7"}.items()
+    for step in (1, 2, 5)
+}
+"""Robots whose failures are simulated, by result."""
+
+
+def other_robots() -> str:
+    """Return identified failures, errors and false diagnoses of other robots, with encoders."""
+    cells = []
+    for name, label in ROBOTS.items():
+        kinds = [row(name, "by_kind", sense="joints", kind=k) for k in ("locked", "free", "weak")]
+        healthy = rows(name, "healthy")
+        wrong = {key: sum(group[f"healthy_named_{key}"] for group in healthy) for key in _SHARE}
+        ratio = max(kind["over_informed_after_worst"] or 0.0 for kind in kinds)
+        wrongly = sum(kind["healthy_named_count"] for kind in kinds)
+        identified = [count(kind, "right") for kind in kinds]
+        false = "{count} of {cases}".format(**wrong)
+        cells.append([label, *identified, str(wrongly), f"{ratio:.2f}", false])
+    head = ["robot", "locked", "free", "weak", "wrong", "RMS", "without failure"]
+    return markdown(head, cells)
+
+
+_SHARE = ("count", "cases")
+
+
+def loops() -> str:
+    """Return the times of a control tick over that of its physics."""
+    cells = []
+    for name in ("hexapod", "arm", "hand", "arms", "platform"):
+        pair = rows("bench", "ratios", question=f"loop_{name}")
+        ratios = [f"{group[key]:.3g}" for group in pair for key in ("ratio", "goal")]
+        cells.append([name, f"{pair[0]['beside']:.3g}", *ratios])
+    head = ["robot", "physics [µs]", "with control", "goal", "with diagnosis", "goal"]
+    return markdown(head, cells)
+
+
+def solvers() -> str:
+    """Return the times of single ticks and problems, here and by other libraries."""
+    cells = [
+        [group["compared"], *map(_short, (group[key] for key in ("us", "beside", "ratio", "goal")))]
+        for group in study("bench")["ratios"]
+        if not group["question"].startswith("loop_")
+    ]
+    return markdown(["compared", "here [µs]", "other [µs]", "ratio", "goal"], cells)
+
+
+def _short(number: float | None) -> str:
+    return "" if number is None else f"{number:.3g}"
+
+
+def origin(*names: str) -> str:
+    """Return commit, date, computer, versions, seeds and numbers of runs of some results."""
+    sources = study("origin")
+    lines = {
+        "Commit {commit:.7}, {finished:.10}".format(**sources[name]): sources[name]
+        for name in names
+    }
+    runs = [f"{_runs(name):,} runs of `{name}`" for name in names if _runs(name)]
+    first = sources["table1"]
+    machine = f"{first['machine']['processor']}, {first['machine']['cores']} cores"
+    packages = ", ".join(f"{k} {first['versions'][k]}" for k in ("python", "mujoco", "numpy"))
+    return f"*{'; '.join(lines)}; {machine}; {packages}; seed 0; {', '.join(runs)}.*"
+
+
+def _runs(name: str) -> int:
+    """Return the number of runs of a result; 0 of one without a list of runs."""
+    result = study(name)
+    if isinstance(result, dict) and isinstance(result.get("runs"), int):
+        return result["runs"]
+    return 0
+
+
+def robots() -> str:
+    """Return the totals of the public robots."""
+    result = study("robots")
+    outcomes = {
+        key: result.get(key, 0) for key in ("completed", "refused", "timeout_s", "traceback")
+    }
+    errors = [
+        f"{label}: {result[f'{key}_models']} models, largest relative error "
+        f"{result[f'{key}_largest_error']:.1e}."
+        for key, label in {"jacobians": "Jacobians", "power": "Power"}.items()
+    ]
+    lines = [
+        "{models} models: {completed} completed both runs, {refused} were refused, {timeout_s} "
+        "exceeded the time limit, {traceback} crashed.".format(models=result["models"], **outcomes),
+        " ".join(errors),
+        f"RMS error within 20 % of the prediction: {count(result, 'healthy_close')} runs without "
+        f"failure and {count(result, 'lock_close')} after the lock; "
+        f"{result['healthy_without_prediction']} and {result['lock_without_prediction']} have no "
+        f"prediction. Beyond 20 % without a warning that says why: "
+        f"{result['healthy_off_without_warning'] + result['lock_off_without_warning']}.",
+        f"The lock was identified in {count(result, 'lock_named')} runs (95 % interval: "
+        f"{interval(result, 'lock_named')}). Something was diagnosed in "
+        f"{count(result, 'healthy_wrong')} runs without failure "
+        f"({interval(result, 'healthy_wrong')}).",
+    ]
+    return "\n".join(f"- {line}" for line in lines)
 
 
 def events() -> str:
@@ -229,17 +333,24 @@ def events() -> str:
 
 
 VALUES = values.VALUES | values_diagnosis.VALUES
-TABLES: dict[str, Callable[[], str]] = {
+TABLES: dict[str, Callable[..., str]] = {
     table.__name__: table
     for table in (
         *(table1, uncorrected, jacobian, force, goals, limits),
         *(recovered, mismatch_sizes, recover_events, events),
+        *(other_robots, robots, loops, solvers, origin),
     )
 }
 
 
 def written(text: str) -> str:
-    """Return the text of a page with up-to-date tables and numbers."""
+    """Return the text of a page with up-to-date tables and numbers.
+
+    Raises:
+        ValueError: A line begins with a number: Markdown would read it as a block of HTML.
+    """
+    if line := re.search(r"^\s*(- )?<!--[\w.]+-->.*", text, re.MULTILINE):
+        raise ValueError(f"a line begins with a number: {line[0]}")
     block = re.compile(r"(<!-- table (\w+)([ \w]*) -->\n).*?(?=<!-- end -->)", re.DOTALL)
     text = block.sub(lambda match: f"{match[1]}{TABLES[match[2]](*match[3].split())}\n", text)
     number = re.compile(r"(<!--([\w.]+)-->).*?(?=<!--/-->)", re.DOTALL)

@@ -1,9 +1,110 @@
 """Numbers in sentences on diagnosis, robots and speed, by name; docs/data has the results."""
 
-from collections.abc import Callable
+import math
+import re
+from collections.abc import Callable, Iterable
 from typing import Any
 
-from results import row, rows, study
+import pandas as pd
+from results import GAINED, count, interval, row, rows, study
+
+from experiments.recover.tables import WORST, share
+
+# docs/recover.md
+
+
+def _failures(mismatch: str, factor: float = 1.0) -> Any:
+    return row("recover", "by_mismatch", mismatch=mismatch, factor=factor)
+
+
+def _single() -> list[Any]:
+    """Return the groups of failures at the usual size of each mismatch."""
+    return rows("recover", "by_mismatch", factor=1.0)
+
+
+def _together(groups: Iterable[Any], key: str) -> str:
+    """Return the shares of some groups together, as "360 of 360"."""
+    total = {part: sum(group[f"{key}_{part}"] for group in groups) for part in ("count", "cases")}
+    return "{count} of {cases}".format(**total)
+
+
+def _share(groups: Iterable[Any], key: str) -> dict[str, Any]:
+    """Return the share of some groups together, with its interval."""
+    groups = list(groups)
+    ones, cases = (sum(group[f"{key}_{part}"] for group in groups) for part in ("count", "cases"))
+    return share(key, pd.Series([True] * ones + [False] * (cases - ones)))
+
+
+def _alone() -> list[Any]:
+    together = ("exact", "all", "other family")
+    return [group for group in _single() if group["mismatch"] not in together]
+
+
+def _over_informed(*kinds: str) -> str:
+    groups = (row("recover", "by_kind", kind=kind) for kind in kinds)
+    return f"{max(group['over_informed_after_worst'] for group in groups):.2f}"
+
+
+def _dither_cost(key: str) -> float:
+    """Return the largest change of a pointing error by the dither, in microradians."""
+    result = study("recover")
+    return 1e6 * result["path_size_rad"] * max(abs(r[key]) for r in result["dither_cost"])
+
+
+def _separation(setting: str) -> float:
+    """Return the least separation of a locked strut from failures of other struts."""
+    found = rows("recover", "ambiguity", setting=setting, kind="locked")
+    return min(one["from_other_actuators"] for one in found)
+
+
+def _x(mismatch: str, factor: float) -> str:
+    return count(_failures(mismatch, factor), "right").replace(" of ", "/")
+
+
+def _drifts() -> str:
+    drifts = (_failures(f"{name}_per_s", 100.0) for name in ("drift_urad", "gain_drift"))
+    return _together(list(drifts), "right").replace(" of ", "/")
+
+
+def _pairs() -> str:
+    [pairs] = rows("recover", "pairs")
+    return count(pairs, "handled")
+
+
+# Events.
+
+
+def _events(name: str = "events") -> list[Any]:
+    """Return the groups of runs of each kind of event that the robot can have."""
+    groups = rows(name, "by_event")
+    return [group for group in groups if group["over_unaware_since_median"] is not None]
+
+
+def _is_shown(group: Any) -> bool:
+    return group["over_unaware_since_median"] < GAINED or group["healthy_named_count"] > 2
+
+
+def _others() -> list[float]:
+    return [one["over_unaware_since_median"] for one in _events() if not _is_shown(one)]
+
+
+def _worst(name: str) -> float:
+    return max(group["counted_worst"] for group in _events(name))
+
+
+def _harmless(name: str) -> str:
+    groups = _events(name)
+    return f"{sum(group['counted_worst'] <= WORST for group in groups)} of {len(groups)}"
+
+
+def _worst_event(name: str) -> str:
+    worst = max(_events(name), key=lambda group: group["counted_worst"])
+    return f"{worst['event']}: {worst['counted_worst']:.2g}"
+
+
+def _most_healthy() -> str:
+    most = max(_events(), key=lambda group: group["healthy_named_count"])
+    return f"{most['event']} ({most['healthy_named_count']})"
 
 
 def _isolated(robot: str) -> str:
@@ -16,19 +117,116 @@ def _over_unaware(event: str) -> str:
     return f"{row('events', 'by_event', event=event)['over_unaware_since_median']:.2f}"
 
 
-def _ik_ratios() -> str:
-    """Return the range of the times of inverse kinematics over those of mink."""
-    timed: Any = study("bench")
-    ratios = [each["ratio"] for each in timed if each["question"].startswith("ik_")]
-    return f"{min(ratios):.2f} to {max(ratios):.2f}"
+# docs/performance.md
+
+
+def _ratios(question: str, role: str = "") -> str:
+    """Return the least and largest ratio of times for such questions, as "0.59 to 1.03"."""
+    ratios = [
+        group["ratio"]
+        for group in rows("bench", "ratios")
+        if re.fullmatch(question, group["question"]) and group["over"].startswith(role)
+    ]
+    return " to ".join(dict.fromkeys(f"{number:.2g}" for number in (min(ratios), max(ratios))))
+
+
+def _with_goal() -> list[Any]:
+    return [group for group in rows("bench", "ratios") if group["goal"] is not None]
+
+
+def _given() -> str:
+    """Return the range of the ratios to daqp with given matrices, of small problems."""
+    small = ("problem_1", "limited", "three_levels")
+    ratios = [
+        group["ratio"]
+        for group in rows("bench", "ratios", under="daqp")
+        if group["question"] in small
+    ]
+    return f"{min(ratios):.2g} to {max(ratios):.2g}"
+
+
+def _met() -> str:
+    return str(sum(group["ratio"] <= group["goal"] for group in _with_goal()))
+
+
+# README.md
+
+
+def _lock(key: str) -> str:
+    """Return the RMS error of all rows of the arm together [mm]."""
+    return f"{1e3 * math.hypot(*study('lock')[key]):.2g}"
+
+
+def _healthy(key: str) -> dict[str, Any]:
+    return _share(rows("recover", "healthy"), key)
 
 
 VALUES: dict[str, Callable[[], str]] = {
+    "recover.all": lambda: count(_failures("all"), "right"),
+    "recover.all_interval": lambda: interval(_failures("all"), "right"),
+    "recover.median": lambda: f"{1e3 * _failures('all')['named_median_s']:.0f}",
+    "recover.slowest": lambda: f"{1e3 * _failures('all')['named_largest_s']:.0f}",
+    "recover.other": lambda: count(_failures("other family"), "right"),
+    "recover.other_interval": lambda: interval(_failures("other family"), "right"),
+    "recover.hours": lambda: f"{sum(one['hours'] for one in rows('recover', 'healthy')):.3g}",
+    "recover.alarms": lambda: str(sum(one["alarms"] for one in rows("recover", "healthy"))),
+    "recover.healthy": lambda: count(_healthy("healthy_named"), "healthy_named"),
+    "recover.healthy_interval": lambda: interval(_healthy("healthy_named"), "healthy_named"),
+    "recover.hourly": lambda: "{:.2g}".format(
+        max(one["alarms_per_hour_high_95"] for one in rows("recover", "healthy"))
+    ),
+    "recover.alone": lambda: _together(_alone(), "right"),
+    "recover.exact": lambda: count(_failures("exact"), "right"),
+    "recover.early": lambda: str(sum(one["alarm_before_count"] for one in _single())),
+    "recover.rigid_over": lambda: _over_informed("locked", "free"),
+    "recover.weak_over": lambda: _over_informed("weak"),
+    "recover.pairs": _pairs,
+    "recover.dither": lambda: f"{_dither_cost('change'):.0e}".replace("e-0", "e-"),
+    "recover.moved": lambda: f"{_dither_cost('moved'):.2f}",
+    "recover.alike": lambda: f"{_separation('angles'):.1f}",
+    "recover.least": lambda: f"{_separation('angles, dither'):.0f}",
+    "recover.beliefs": lambda: str(len({one["belief"] for one in rows("recover", "beliefs")})),
+    "recover.truths": lambda: str(len({one["truth"] for one in rows("recover", "beliefs")})),
+    "recover.all_x3": lambda: _x("all", 3.0),
+    "recover.drifts_x100": _drifts,
+    "recover.inertia_x30": lambda: _x("inertia", 30.0),
+    "recover.damping_x3": lambda: _x("damping", 3.0),
+    "events.kinds": lambda: str(len(_events())),
+    "events.worst": lambda: f"{_worst('events'):.2f}",
+    "events.others": lambda: str(len(_others())),
+    "events.low": lambda: f"{min(_others()):.2f}",
+    "events.high": lambda: f"{max(_others()):.2f}",
+    "events.healthy": lambda: _together(_events(), "healthy_named"),
+    "events.healthy_interval": lambda: interval(
+        _share(_events(), "healthy_named"), "healthy_named"
+    ),
+    "events.most_healthy": _most_healthy,
+    "arm.ratio": lambda: f"{_worst('arm_events'):.2g}",
+    "hand.ratio": lambda: f"{_worst('hand_events'):.2g}",
+    "lock.with": lambda: _lock("rms_after"),
+    "lock.without": lambda: _lock("rms_after_without_diagnosis"),
+    "lock.delay": lambda: f"{1e3 * study('lock')['diagnoses'][0]['delay_s']:.0f}",
+    "robots.models": lambda: str(study("robots")["models"]),
+    "robots.completed": lambda: str(study("robots")["completed"]),
+    "robots.wrong": lambda: count(study("robots"), "healthy_wrong"),
+    "arm.worst": lambda: f"{WORST:g}",
+    "arm.harmless": lambda: _harmless("arm_events"),
+    "arm.worst_event": lambda: _worst_event("arm_events"),
+    "hand.harmless": lambda: _harmless("hand_events"),
+    "hand.worst_event": lambda: _worst_event("hand_events"),
     "diagnosis.arm": lambda: _isolated("arm"),
     "diagnosis.arms": lambda: _isolated("arms"),
     "diagnosis.hand": lambda: _isolated("hand"),
     "diagnosis.platform": lambda: _isolated("platform"),
-    "ik.tick": _ik_ratios,
+    "bench.hexapod": lambda: _ratios("loop_hexapod", "loop"),
+    "bench.hexapod_diagnosed": lambda: _ratios("loop_hexapod", "supervised"),
+    "bench.robots": lambda: _ratios(r"loop_(?!hexapod)\w+", "loop"),
+    "bench.robots_diagnosed": lambda: _ratios(r"loop_(?!hexapod)\w+", "supervised"),
+    "bench.tick": lambda: _ratios(r"tick_\w+"),
+    "bench.ik": lambda: _ratios(r"ik_\w+"),
+    "bench.given": _given,
+    "bench.goals": lambda: str(len(_with_goal())),
+    "bench.met": _met,
     "track.locked": lambda: _over_unaware("locked"),
     "track.stuck": lambda: _over_unaware("stuck"),
 }

@@ -25,6 +25,9 @@ MODELS = Path(__file__).parents[2] / "models"  # without the import of MuJoCo by
 STUDIES: dict[str, tuple[str, dict[str, Any]]] = {name: (name, {}) for name in (*PAPER, "survey")}
 """Studies, by chapter, with options that differ from their defaults; a chapter is a folder."""
 STUDIES["jacobian"] = ("jacobian", {"loop": True})
+LOCK = {"major": (3, 5, 4), "size": 0.015, "fail": ["motor2:locked@3.25"], "duration": 6.5}
+"""Options of the run of docs/pictures/animation.gif: the arm's shoulder locks."""
+STUDIES["lock"] = ("track", {"model": MODELS / "arm.xml", **LOCK})
 STUDIES["events"] = ("recover", {"events": True})
 ROBOTS = {"platform": (3, 4), "hand": (3, 4), "arm": (0, 1), "arms": (3, 4, 5)}
 """Major rows of the bundled robots on which failures and events are simulated."""
@@ -45,8 +48,7 @@ def report(
     """Run all studies and write one HTML page on them.
 
     The page is a single file with the tables, figures and checks of each study, the command that
-    reproduces it, and at the end computer, versions and commit. The study track is left out.
-    Takes about two hours on two cores.
+    reproduces it, and at the end computer, versions and commit. Takes about two hours on two cores.
 
     After Ctrl-C the same command continues, also within a sweep. A finished study is run again only
     if its files, the options, the code, the package versions or the processor have changed. The
