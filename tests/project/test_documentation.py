@@ -1,5 +1,6 @@
 """Tests of the length of the documentation and of its navigation."""
 
+import importlib
 import re
 from pathlib import Path
 
@@ -45,3 +46,15 @@ def test_the_navigation_has_every_page_once():
     pages = {str(page.relative_to(DOCS).with_suffix("")) for page in PAGES} - OUTSIDE
     names = [page for pages in listed.values() for page in pages]
     assert sorted(names) == sorted(pages | {"gallery/index"})
+
+
+def test_pages_use_every_number_and_table_and_no_other(monkeypatch):
+    monkeypatch.syspath_prepend(str(DOCS / "_extensions"))
+    tables = importlib.import_module("tables")
+    text = "".join(page.read_text() for page in (ROOT / "README.md", *PAGES))
+    numbers = {*re.findall(r"<!--([\w.]+)-->", text)}
+    assert numbers - {*tables.VALUES} == set()
+    assert {name for name in tables.VALUES if not name.startswith("time.")} <= numbers
+    assert {*re.findall(r"<!-- table (\w+)", text)} == {*tables.TABLES}
+    with pytest.raises(ValueError, match="a line begins with a number"):
+        tables.written("In\n<!--recover.all-->306<!--/--> runs")
