@@ -9,6 +9,27 @@ from results import ANGLES, duration, row, rows, study
 
 from experiments.app.report import STUDIES
 
+
+def _setting(name: str, key: str, form: str = "g", factor: float = 1.0) -> Callable[[], str]:
+    return lambda: format(factor * study(name)[key], form)
+
+
+def _cell(name: str, table: str, key: str, form: str = "g", /, **where: Any) -> Callable[[], str]:
+    return lambda: format(row(name, table, **where)[key], form)
+
+
+def _at_most(value: float, digits: int = 2) -> str:
+    """Return an upper bound, rounded up to these significant digits."""
+    step = 10.0 ** (math.floor(math.log10(value)) + 1 - digits)
+    return f"{math.ceil(value / step) * step:.6g}"
+
+
+def _span(values: Iterable[float], form: str) -> str:
+    """Return the least and the largest value, as "0.33 to 46"."""
+    least, *_, largest = sorted(values)
+    return f"{least:{form}} to {largest:{form}}"
+
+
 # docs/table1.md
 
 
@@ -205,6 +226,141 @@ def _with_and_without(name: str, key: str) -> tuple[float, float]:
     return used, without
 
 
+# docs/priorities.md
+
+
+def _pointing_change(goal: str, run: str) -> float:
+    """Return the pointing change in the table of goals."""
+    return max(one["difference_rms_urad"] for one in rows("goals", "angles", goal=goal, name=run))
+
+
+def _not_pursued(goal: str) -> str:
+    return f"{_pointing_change(goal, 'nothing'):.0f}"
+
+
+def _sufficient_weights() -> str:
+    """Return the weights of pseudo-inverses that never change pointing more than a seed does."""
+    names = {one["name"]: one["major_weight"] for one in rows("goals", "runs") if one["pursues"]}
+    sufficient = [
+        f"{weight:g}"
+        for name, weight in names.items()
+        if weight is not None
+        and all(
+            _pointing_change(one["goal"], name) < one["difference_rms_urad"]
+            for one in rows("goals", "another_seed")
+        )
+    ]
+    return " or ".join(sufficient) or "none"
+
+
+def _tracking_ms() -> str:
+    """Return the tracking time, the mean of both loops."""
+    return f"{1e3 * row('limits', 'spirals', name='healthy_strict')['tracking_time_s']:.0f}"
+
+
+def _over_strict(strategy: str) -> list[float]:
+    """Return errors over those of strict priority, on the hexapod and the arm."""
+    tables = (rows("limits", table, strategy=strategy) for table in ("spirals", "arm"))
+    return [one["rms_over_strict"] for runs in tables for one in runs]
+
+
+def _excess(strategy: str) -> str:
+    return _at_most(row("limits", "out_of_reach", strategy=strategy)["excess_largest_percent"], 3)
+
+
+def _not_saturated() -> int:
+    return sum(group["compared"] for group in rows("atlas", "verdicts"))
+
+
+def _weight_correlation() -> float:
+    """Return the largest rank correlation of a weight with an error."""
+    weights = [one for one in rows("sweep", "influence") if "_weight_" in one["name"]]
+    return max(abs(one[angle]) for one in weights for angle in ANGLES)
+
+
+# docs/uncorrected.md
+
+LOCK_ALONE = "lost_strut"
+"""Name of the candidate with strut 1 locked and nothing else."""
+
+
+def _candidate(name: str, key: str) -> Callable[[], str]:
+    return _cell("uncorrected", "candidates", key, ".0f", name=name)
+
+
+def _explanations(limited: bool, **where: Any) -> list[dict[str, Any]]:
+    """Return the explanations with, or without, a demand limit."""
+    return [
+        one
+        for one in rows("uncorrected", "candidates", **where)
+        if one["name"] != LOCK_ALONE and (one["demand_limit_urad"] is not None) == limited
+    ]
+
+
+def _simulated_runs() -> str:
+    """Return the number of simulated runs of explanations; others are only predicted."""
+    keys = ("alpha_simulated_urad", "diverged_at_s")
+    runs = [one for one in rows("uncorrected", "runs") if one["candidate"] != LOCK_ALONE]
+    return str(sum(any(one[key] is not None for key in keys) for one in runs))
+
+
+def _map_ratios(angle: str) -> str:
+    ratios = row("uncorrected", "map")
+    return _span((ratios[f"{angle}_{side}_ratio"] for side in ("least", "largest")), ".2f")
+
+
+def _limits_over_radius() -> list[float]:
+    """Return the demand limits that meet all criteria over the radius of the spiral."""
+    radius = study("uncorrected")["bench"]["spiral_radius_urad"]
+    return [
+        one["demand_limit_urad"] / (one["spiral_radius_urad"] or radius)
+        for one in _explanations(limited=True, explains=True)
+    ]
+
+
+def _over_paper(candidate: str, angle: str, *columns: str) -> list[float]:
+    """Return RMS errors over the paper's."""
+    key = f"{angle}_rms_urad"
+    return [
+        row("uncorrected", "runs", candidate=candidate, column=column)[key]
+        / _column(column)[f"paper_{key}"]
+        for column in columns
+    ]
+
+
+def _limit_off() -> str:
+    """Return the largest deviation from the paper with a demand limit, in percent."""
+    columns = ("W_a", "W_d", "W_e", "W_a_uncorrected")
+    ratios = [_over_paper("limit_clockwise", angle, *columns) for angle in ANGLES]
+    return _at_most(100 * max(abs(ratio - 1) for angle in ratios for ratio in angle), 3)
+
+
+# docs/theory.md
+
+
+def _least_gap() -> str:
+    gap = min(atlas["smallest_gap"] for atlas in rows("release", "atlas"))
+    return f"{gap:.1e}".replace("e+0", "e")
+
+
+def _held() -> str:
+    """Return how far strut 1 moves at most without coil force, known to the mapping or not."""
+    spirals = rows("release", "spirals", kind="free", failure_time_s=0.0)
+    return _at_most(max(spiral["strut_1_peak_um"] for spiral in spirals))
+
+
+def _mismatches(model: str) -> list[float]:
+    return [one[f"mismatch_{model}_percent"] for one in rows("release", "sweep")]
+
+
+def _verdicts(*verdicts: str) -> str:
+    return str(sum(one["verdict"] in verdicts for one in rows("systems", "systems")))
+
+
+def _systems_off(key: str, **where: Any) -> str:
+    return _at_most(100 * max(one[key] for one in rows("systems", "systems", **where)))
+
+
 VALUES: dict[str, Callable[[], str]] = {
     **{f"time.{name}": partial(duration, name) for name in STUDIES},
     "time.report": lambda: duration(*STUDIES),
@@ -272,4 +428,95 @@ VALUES: dict[str, Callable[[], str]] = {
         *_with_and_without("squeezed", "least_squeeze_n")
     ),
     "force.wrench": lambda: f"{max(_errors('wrench_off_percent', 'internal_force')):.2g}",
+    "goals.weights": _sufficient_weights,
+    **{
+        f"goals.{goal}": partial(_not_pursued, goal)
+        for goal in ("stroke", "obstacle", "singularity")
+    },
+    "limits.tracking": _tracking_ms,
+    **{
+        f"limits.{condition}.{name}": _cell("limits", "conditions", key, form, condition=condition)
+        for condition in ("healthy", "stuck")
+        for name, key, form in (
+            ("unreachable", "not_attainable_s", ".2f"),
+            ("least", "least_rms_urad", ".0f"),
+        )
+    },
+    **{
+        f"limits.arm.{strategy}": _cell("limits", "arm", "rms_mrad", ".2f", strategy=strategy)
+        for strategy in ("strict", "clipping", "redistributed", "weighted_10", "unlimited")
+    },
+    "limits.heaviest": lambda: _at_most(
+        max(100 * abs(ratio - 1) for ratio in _over_strict("weighted_1000"))
+    ),
+    "limits.demands": _setting("limits", "demands"),
+    "limits.excess.clipping": lambda: _excess("clipping"),
+    "limits.excess.redistributed": lambda: _excess("redistributed"),
+    "limits.circle": lambda: (
+        f"{min(one['circle_margin'] for one in rows('limits', 'conditions')):.2f}"
+    ),
+    "limits.windup": lambda: _span(_over_strict("strict_winding_up"), ".1f"),
+    "atlas.conditions": _setting("atlas", "conditions"),
+    "atlas.duration": _setting("atlas", "duration_s"),
+    "atlas.weights": lambda: str(len(study("atlas")["weights"])),
+    "atlas.runs": _setting("atlas", "runs"),
+    "atlas.linear": lambda: str(_not_saturated()),
+    "atlas.off": lambda: _at_most(
+        max(group["largest_off_percent"] for group in rows("atlas", "verdicts"))
+    ),
+    "atlas.others": lambda: str(study("atlas")["runs"] - _not_saturated()),
+    "atlas.singular": lambda: str(
+        len({run["struts"] for run in rows("atlas", "disagreements", explained=True)})
+    ),
+    "sweep.runs": _setting("sweep", "runs"),
+    "sweep.exact": _cell("sweep", "status", "runs", status="exact"),
+    "sweep.compared": _cell("sweep", "prediction", "compared"),
+    "sweep.median": _cell("sweep", "prediction", "median_percent", ".2g"),
+    "sweep.off": lambda: _at_most(row("sweep", "prediction")["largest_percent"]),
+    "sweep.weights": lambda: _at_most(_weight_correlation()),
+    "uncorrected.tried": lambda: str(sum(len(_explanations(which)) for which in (False, True))),
+    "uncorrected.runs": _simulated_runs,
+    "uncorrected.limits": lambda: str(len(_explanations(limited=True))),
+    "uncorrected.limits.met": lambda: str(len(_explanations(limited=True, explains=True))),
+    "uncorrected.others": lambda: str(len(_explanations(limited=False))),
+    "uncorrected.others.met": lambda: str(len(_explanations(limited=False, explains=True))),
+    "uncorrected.within": _setting("uncorrected", "ratio_tolerance", factor=100),
+    "uncorrected.within_known": _setting("uncorrected", "corrected_tolerance", factor=100),
+    "uncorrected.fitted": _candidate("limit_clockwise", "demand_limit_urad"),
+    "uncorrected.map": _cell("uncorrected", "map", "points"),
+    "uncorrected.map.met": _cell("uncorrected", "map", "points_within_tolerance"),
+    "uncorrected.map.alpha": lambda: _map_ratios("alpha"),
+    "uncorrected.map.beta": lambda: _map_ratios("beta"),
+    "uncorrected.fast.alpha": _setting("uncorrected", "alpha_fast_loop_ratio", ".3f"),
+    "uncorrected.fast.beta": _setting("uncorrected", "beta_fast_loop_ratio", ".3f"),
+    "uncorrected.limit.alpha": lambda: f"{_limited()['alpha_rms_urad']:.2f}",
+    "uncorrected.limit.beta": lambda: f"{_limited()['beta_rms_urad']:.2f}",
+    "uncorrected.retuned": lambda: _span(_over_paper("retuned", "alpha", "W_d", "W_e"), ".1f"),
+    "uncorrected.limit.off": _limit_off,
+    "uncorrected.limit.radius": lambda: _span(_limits_over_radius(), ".2f"),
+    "uncorrected.limit.reach": lambda: _span(
+        (one["alpha_outer_reach_percent"] for one in _explanations(limited=True, explains=True)),
+        ".0f",
+    ),
+    "uncorrected.retuned.reach": _candidate("retuned", "alpha_outer_reach_percent"),
+    "release.gap": _least_gap,
+    "release.held": _held,
+    "release.healthy": _cell("release", "spirals", "strut_1_peak_um", ".0f", name="healthy"),
+    "release.elastic": lambda: _at_most(max(_mismatches("elastic"))),
+    "release.locked": lambda: _span(_mismatches("as_if_locked"), ".2g"),
+    "release.flexures": lambda: f"{rows('release', 'sweep')[0]['swing_n_per_m']:.0f}",
+    **{
+        f"release.peak.{name}": _cell("release", "spirals", "sensitivity_peak", ".2f", name=spiral)
+        for name, spiral in {
+            "healthy": "healthy",
+            "locked": "loose_from_start_as_locked",
+            "elastic": "loose_from_start_corrected",
+        }.items()
+    },
+    "systems.conditions": lambda: str(len(rows("systems", "systems"))),
+    "systems.exact": lambda: _verdicts("exact"),
+    "systems.drifts": lambda: _verdicts("drifts"),
+    "systems.lost": lambda: _verdicts("one_direction", "none"),
+    "systems.off": lambda: _systems_off("largest_error"),
+    "systems.off_drifts": lambda: _systems_off("major_error", unstable_major=True),
 }
