@@ -7,8 +7,9 @@ from typing import Any
 
 DOCS = Path(__file__).parents[1]
 ANGLES = ("alpha", "beta")
-GAINED = 0.97
-"""Ratio of errors below which docs/recover.md shows an event."""
+GAINED, HARMED, WRONG = 0.97, 1.1, 2
+"""Median and largest ratio of errors, and number of wrong diagnoses, beyond which docs/recover.md
+shows an event."""
 
 
 @cache
@@ -44,3 +45,13 @@ def duration(*names: str) -> str:
     """Return the measured time of these results together, as "60 s" or from 100 s on as "6 min"."""
     seconds = round(sum(study("origin")[name]["wall_time_s"] for name in names))
     return f"{seconds} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+
+
+def is_shown(event: str) -> bool:
+    """Return whether diagnosis changes errors in this event, or a healthy actuator is diagnosed."""
+    of_hexapod = row("events", "by_event", event=event)
+    others = (row(f"{robot}_events", "by_event", event=event) for robot in ("arm", "hand"))
+    groups = [of_hexapod, *(one for one in others if one["over_unaware_since_median"] is not None)]
+    return of_hexapod["over_unaware_since_median"] < GAINED or any(
+        group["counted_worst"] > HARMED or group["healthy_named_count"] > WRONG for group in groups
+    )

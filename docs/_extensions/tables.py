@@ -9,11 +9,12 @@ exit code is 1 if a page is not up to date.
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import values
 import values_diagnosis
-from results import ANGLES, DOCS, GAINED, count, interval, row, rows, study
+from results import ANGLES, DOCS, count, interval, is_shown, row, rows, study
+from scipy.stats import binomtest
 
 from fjh.rig.events import EVENTS
 
@@ -204,16 +205,26 @@ def mismatch_sizes() -> str:
 
 
 def recover_events() -> str:
-    """Return the events in which diagnosis changes the error, or identifies healthy struts."""
-    rows = []
-    for event in study("events")["by_event"]:
-        median, worst = event["over_unaware_since_median"], event["counted_worst"]
-        healthy, cases = event["healthy_named_count"], event["right_cases"]
-        if median < GAINED or healthy > 2:
-            identified = str(event["right_count"]) if cases else "-"
-            rows.append([event["event"], f"{median:.2f}", f"{worst:.2f}", identified, str(healthy)])
-    head = ["event", "median", "worst", "identified", "healthy"]
-    return markdown(head, rows)
+    """Return the events in which diagnosis matters: of the hexapod, and of arm and hand."""
+    cells = []
+    for event in rows("events", "by_event"):
+        name = event["event"]
+        if is_shown(name):
+            identified = str(event["right_count"]) if event["right_cases"] else "-"
+            cells.append([name, *_effect(event, "median"), identified, *_effect(event)])
+            for robot in ("arm_events", "hand_events"):
+                cells[-1] += _effect(row(robot, "by_event", event=name))
+    head = ["event", "median", "identified", "worst", "healthy"]
+    return markdown([*head, *("arm: worst", "healthy", "hand: worst", "healthy")], cells)
+
+
+def _effect(event: dict[str, Any], key: str = "") -> list[str]:
+    """Return the median of the ratios of errors; or the largest, and the wrong diagnoses."""
+    if event["over_unaware_since_median"] is None:
+        return ["-"] if key else ["-", "-"]  # the robot cannot have the event
+    if key:
+        return [f"{event['over_unaware_since_median']:.2f}"]
+    return [f"{event['counted_worst']:.2f}", str(event["healthy_named_count"])]
 
 
 ROBOTS = {
@@ -239,7 +250,8 @@ def other_robots() -> str:
         ratio = max(kind["over_informed_after_worst"] or 0.0 for kind in kinds)
         wrongly = sum(kind["healthy_named_count"] for kind in kinds)
         identified = [count(kind, "right") for kind in kinds]
-        false = "{count} of {cases}".format(**wrong)
+        share = binomtest(wrong["count"], wrong["cases"]).proportion_ci()
+        false = f"{wrong['count']} of {wrong['cases']} (up to {100 * share.high:.0f} %)"
         cells.append([label, *identified, str(wrongly), f"{ratio:.2f}", false])
     head = ["robot", "locked", "free", "weak", "wrong", "RMS", "without failure"]
     return markdown(head, cells)

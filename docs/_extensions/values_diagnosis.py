@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import pandas as pd
-from results import GAINED, count, interval, row, rows, study
+from results import count, interval, is_shown, row, rows, study
 
 from experiments.recover.tables import WORST, share
 
@@ -80,12 +80,9 @@ def _events(name: str = "events") -> list[Any]:
     return [group for group in groups if group["over_unaware_since_median"] is not None]
 
 
-def _is_shown(group: Any) -> bool:
-    return group["over_unaware_since_median"] < GAINED or group["healthy_named_count"] > 2
-
-
 def _others() -> list[float]:
-    return [one["over_unaware_since_median"] for one in _events() if not _is_shown(one)]
+    medians = {one["event"]: one["over_unaware_since_median"] for one in _events()}
+    return [median for event, median in medians.items() if not is_shown(event)]
 
 
 def _worst(name: str) -> float:
@@ -209,7 +206,6 @@ VALUES: dict[str, Callable[[], str]] = {
     "robots.models": lambda: str(study("robots")["models"]),
     "robots.completed": lambda: str(study("robots")["completed"]),
     "robots.wrong": lambda: count(study("robots"), "healthy_wrong"),
-    "arm.worst": lambda: f"{WORST:g}",
     "arm.harmless": lambda: _harmless("arm_events"),
     "arm.worst_event": lambda: _worst_event("arm_events"),
     "hand.harmless": lambda: _harmless("hand_events"),
