@@ -139,6 +139,7 @@ def test_all_packages_have_one_version(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"fjh {version}\n"
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
+    assert f"\n## {version} (" in (ROOT / "CHANGELOG.md").read_text()
 
 
 NOT_OF_SIM = ("rerun", "rerun_loader_mjcf", "pyarrow", "typer", "rich", "distributed", "psutil")
