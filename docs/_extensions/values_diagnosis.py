@@ -94,9 +94,10 @@ def _harmless(name: str) -> str:
     return f"{sum(group['counted_worst'] <= WORST for group in groups)} of {len(groups)}"
 
 
-def _worst_event(name: str) -> str:
-    worst = max(_events(name), key=lambda group: group["counted_worst"])
-    return f"{worst['event']}: {worst['counted_worst']:.2g}"
+def _harmed(name: str) -> str:
+    """Return in how many runs diagnosis increases the error by more than a tenth."""
+    groups = _events(name)
+    return "{} of {}".format(*(sum(group[key] for group in groups) for key in ("harmed", "runs")))
 
 
 def _most_healthy() -> str:
@@ -198,18 +199,17 @@ VALUES: dict[str, Callable[[], str]] = {
         _share(_events(), "healthy_named"), "healthy_named"
     ),
     "events.most_healthy": _most_healthy,
-    "arm.ratio": lambda: f"{_worst('arm_events'):.2g}",
-    "hand.ratio": lambda: f"{_worst('hand_events'):.2g}",
+    "arm.ratio": lambda: f"{_worst('arm_events'):.2f}",
+    "hand.ratio": lambda: f"{_worst('hand_events'):.1f}",
     "lock.with": lambda: _lock("rms_after"),
     "lock.without": lambda: _lock("rms_after_without_diagnosis"),
     "lock.delay": lambda: f"{1e3 * study('lock')['diagnoses'][0]['delay_s']:.0f}",
     "robots.models": lambda: str(study("robots")["models"]),
     "robots.completed": lambda: str(study("robots")["completed"]),
     "robots.wrong": lambda: count(study("robots"), "healthy_wrong"),
-    "arm.harmless": lambda: _harmless("arm_events"),
-    "arm.worst_event": lambda: _worst_event("arm_events"),
+    "arm.runs": lambda: _harmed("arm_events"),
     "hand.harmless": lambda: _harmless("hand_events"),
-    "hand.worst_event": lambda: _worst_event("hand_events"),
+    "hand.runs": lambda: _harmed("hand_events"),
     "diagnosis.arm": lambda: _isolated("arm"),
     "diagnosis.arms": lambda: _isolated("arms"),
     "diagnosis.hand": lambda: _isolated("hand"),
