@@ -252,7 +252,15 @@ def other_robots() -> str:
         identified = [count(kind, "right") for kind in kinds]
         share = binomtest(wrong["count"], wrong["cases"]).proportion_ci()
         false = f"{wrong['count']} of {wrong['cases']} (up to {100 * share.high:.0f} %)"
-        cells.append([label, *identified, str(wrongly), f"{ratio:.2f}", false])
+        cells.append(
+            [
+                label,
+                *identified,
+                str(wrongly),
+                f"{ratio:.2f}" if ratio < 10 else f"{ratio:.0f}",
+                false,
+            ]
+        )
     head = ["robot", "locked", "free", "weak", "wrong", "RMS", "without failure"]
     return markdown(head, cells)
 
@@ -296,7 +304,7 @@ def origin(*names: str) -> str:
     first = sources["table1"]
     machine = f"{first['machine']['processor']}, {first['machine']['cores']} cores"
     packages = ", ".join(f"{k} {first['versions'][k]}" for k in ("python", "mujoco", "numpy"))
-    return f"*{'; '.join(lines)}; {machine}; {packages}; seed 0; {', '.join(runs)}.*"
+    return f"*{'; '.join([*lines, machine, packages, 'seed 0', *runs])}.*"
 
 
 def _runs(name: str) -> int:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import pandas as pd
-from results import count, interval, is_shown, row, rows, study
+from results import DOCS, count, interval, is_shown, row, rows, study
 
 from experiments.recover.tables import WORST, share
 
@@ -147,6 +147,22 @@ def _met() -> str:
     return str(sum(group["ratio"] <= group["goal"] for group in _with_goal()))
 
 
+def _pandas() -> pd.DataFrame:
+    """Return the runs of the Panda with a failure, at all steps."""
+    files = (DOCS / "data" / f"panda_{step}ms" / "recover.parquet" for step in (1, 2, 5))
+    runs = pd.concat([pd.read_parquet(file) for file in files])
+    return runs[runs.sort == "failure"]
+
+
+def _lost_tasks() -> str:
+    runs = _pandas()
+    return f"{(runs.rms_supervised_after > LOST).sum()} of {len(runs)}"
+
+
+LOST = 10.0
+"""RMS error, in sizes of the path, of a lost task."""
+
+
 # README.md
 
 
@@ -160,6 +176,8 @@ def _healthy(key: str) -> dict[str, Any]:
 
 
 VALUES: dict[str, Callable[[], str]] = {
+    "panda.lost": _lost_tasks,
+    "panda.informed": lambda: str((_pandas().rms_informed_after > LOST).sum()),
     "recover.all": lambda: count(_failures("all"), "right"),
     "recover.all_interval": lambda: interval(_failures("all"), "right"),
     "recover.median": lambda: f"{1e3 * _failures('all')['named_median_s']:.0f}",
