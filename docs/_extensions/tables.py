@@ -9,7 +9,7 @@ exit code is 1 if a page is not up to date.
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import values
 import values_diagnosis
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a Markdown table."""
     lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(re.sub(r" +", " ", f"| {' | '.join(cells)} |") for cells in lines)
+    return "\n".join(f"|{'|'.join(cells)}|" for cells in lines)
 
 
 def table1() -> str:
@@ -205,26 +205,18 @@ def mismatch_sizes() -> str:
 
 
 def recover_events() -> str:
-    """Return the events in which diagnosis matters: of the hexapod, and of arm and hand."""
+    """Return the events in which diagnosis changes the error of the hexapod or of the hand."""
     cells = []
     for event in rows("events", "by_event"):
-        name = event["event"]
+        name, hand = event["event"], row("hand_events", "by_event", event=event["event"])
         if is_shown(name):
             identified = str(event["right_count"]) if event["right_cases"] else "-"
-            cells.append([name, *_effect(event, "median"), identified, *_effect(event)])
-            for robot in ("arm_events", "hand_events"):
-                cells[-1] += _effect(row(robot, "by_event", event=name))
-    head = ["event", "median", "identified", "worst", "healthy"]
-    return markdown([*head, *("arm: worst", "healthy", "hand: worst", "healthy")], cells)
-
-
-def _effect(event: dict[str, Any], key: str = "") -> list[str]:
-    """Return the median of the ratios of errors; or the largest, and the wrong diagnoses."""
-    if event["over_unaware_since_median"] is None:
-        return ["-"] if key else ["-", "-"]  # the robot cannot have the event
-    if key:
-        return [f"{event['over_unaware_since_median']:.2f}"]
-    return [f"{event['counted_worst']:.2f}", str(event["healthy_named_count"])]
+            ratios = event["over_unaware_since_median"], event["counted_worst"]
+            wrong = str(event["healthy_named_count"])
+            worst = f"{hand['counted_worst']:.2f}"
+            cells.append([name, *(f"{ratio:.2f}" for ratio in ratios), identified, wrong, worst])
+    head = ["event", "median", "worst", "identified", "healthy", "hand, worst"]
+    return markdown(head, cells)
 
 
 ROBOTS = {
@@ -249,9 +241,9 @@ def other_robots() -> str:
         wrong = {key: sum(group[f"healthy_named_{key}"] for group in healthy) for key in _SHARE}
         ratio = max(kind["over_informed_after_worst"] or 0.0 for kind in kinds)
         wrongly = sum(kind["healthy_named_count"] for kind in kinds)
-        identified = [count(kind, "right") for kind in kinds]
+        identified = [count(kind, "right").replace(" of ", "/") for kind in kinds]
         share = binomtest(wrong["count"], wrong["cases"]).proportion_ci()
-        false = f"{wrong['count']} of {wrong['cases']} (up to {100 * share.high:.0f} %)"
+        false = f"{wrong['count']}/{wrong['cases']} (≤ {100 * share.high:.0f} %)"
         cells.append(
             [
                 label,

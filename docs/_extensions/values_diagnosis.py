@@ -101,8 +101,9 @@ def _harmed(name: str) -> str:
 
 
 def _most_healthy() -> str:
-    most = max(_events(), key=lambda group: group["healthy_named_count"])
-    return f"{most['event']} ({most['healthy_named_count']})"
+    """Return the two kinds of event with most wrong diagnoses, as "hum (6) and strong (5)"."""
+    groups = sorted(_events(), key=lambda group: -group["healthy_named_count"])[:2]
+    return " and ".join(f"{one['event']} ({one['healthy_named_count']})" for one in groups)
 
 
 def _isolated(robot: str) -> str:
