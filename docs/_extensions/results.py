@@ -1,9 +1,14 @@
 """Results in docs/data, by study, table and row; and values in sentences of the pages."""
 
 import json
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
+
+from experiments.recover.tables import share
 
 DOCS = Path(__file__).parents[1]
 ANGLES = ("alpha", "beta")
@@ -38,6 +43,13 @@ def interval(group: dict[str, Any], key: str) -> str:
     """Return the 95 % interval of a share, as "98.8 to 100 %"."""
     low, high = (100 * group[f"{key}_{side}"] for side in ("low", "high"))
     return f"{low:.3g} to {high:.3g} %"
+
+
+def pooled(groups: Iterable[dict[str, Any]], key: str) -> dict[str, Any]:
+    """Return the share of some groups together, with its 95 % interval."""
+    groups = list(groups)
+    ones, cases = (sum(group[f"{key}_{part}"] for group in groups) for part in ("count", "cases"))
+    return share(key, pd.Series([True] * ones + [False] * (cases - ones)))
 
 
 def duration(*names: str) -> str:

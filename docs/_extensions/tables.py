@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 import values
 import values_diagnosis
-from results import ANGLES, DOCS, count, interval, is_shown, row, rows, study
-from scipy.stats import binomtest
+from results import ANGLES, DOCS, count, interval, is_shown, pooled, row, rows, study
 
 from fjh.rig.events import EVENTS
 
@@ -237,13 +236,12 @@ def other_robots() -> str:
     cells = []
     for name, label in ROBOTS.items():
         kinds = [row(name, "by_kind", sense="joints", kind=k) for k in ("locked", "free", "weak")]
-        healthy = rows(name, "healthy")
-        wrong = {key: sum(group[f"healthy_named_{key}"] for group in healthy) for key in _SHARE}
+        wrong = pooled(rows(name, "healthy"), "healthy_named")
         ratio = max(kind["over_informed_after_worst"] or 0.0 for kind in kinds)
         wrongly = sum(kind["healthy_named_count"] for kind in kinds)
         identified = [count(kind, "right").replace(" of ", "/") for kind in kinds]
-        share = binomtest(wrong["count"], wrong["cases"]).proportion_ci()
-        false = f"{wrong['count']}/{wrong['cases']} (≤ {100 * share.high:.0f} %)"
+        false = count(wrong, "healthy_named").replace(" of ", "/")
+        false += f" (≤ {100 * wrong['healthy_named_high']:.0f} %)"
         cells.append(
             [
                 label,
@@ -255,9 +253,6 @@ def other_robots() -> str:
         )
     head = ["robot", "locked", "free", "weak", "wrong", "RMS", "without failure"]
     return markdown(head, cells)
-
-
-_SHARE = ("count", "cases")
 
 
 def loops() -> str:
@@ -296,15 +291,14 @@ def origin(*names: str) -> str:
     first = sources["table1"]
     machine = f"{first['machine']['processor']}, {first['machine']['cores']} cores"
     packages = ", ".join(f"{k} {first['versions'][k]}" for k in ("python", "mujoco", "numpy"))
-    return f"*{'; '.join([*lines, machine, packages, 'seed 0', *runs])}.*"
+    parts = [*lines, machine, packages, f"seed {first['seed']}", *runs]
+    return f"*{'; '.join(parts)}.*"
 
 
 def _runs(name: str) -> int:
     """Return the number of runs of a result; 0 of one without a list of runs."""
-    result = study(name)
-    if isinstance(result, dict) and isinstance(result.get("runs"), int):
-        return result["runs"]
-    return 0
+    runs = study(name).get("runs")
+    return runs if isinstance(runs, int) else 0
 
 
 def robots() -> str:

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 import pandas as pd
-from results import DOCS, count, interval, is_shown, row, rows, study
+from results import DOCS, count, interval, is_shown, pooled, row, rows, study
 
-from experiments.recover.tables import WORST, share
+from experiments.recover.tables import WORST
 
 # docs/recover.md
 
@@ -23,16 +23,7 @@ def _single() -> list[Any]:
 
 
 def _together(groups: Iterable[Any], key: str) -> str:
-    """Return the shares of some groups together, as "360 of 360"."""
-    total = {part: sum(group[f"{key}_{part}"] for group in groups) for part in ("count", "cases")}
-    return "{count} of {cases}".format(**total)
-
-
-def _share(groups: Iterable[Any], key: str) -> dict[str, Any]:
-    """Return the share of some groups together, with its interval."""
-    groups = list(groups)
-    ones, cases = (sum(group[f"{key}_{part}"] for group in groups) for part in ("count", "cases"))
-    return share(key, pd.Series([True] * ones + [False] * (cases - ones)))
+    return count(pooled(groups, key), key)
 
 
 def _alone() -> list[Any]:
@@ -173,7 +164,7 @@ def _lock(key: str) -> str:
 
 
 def _healthy(key: str) -> dict[str, Any]:
-    return _share(rows("recover", "healthy"), key)
+    return pooled(rows("recover", "healthy"), key)
 
 
 VALUES: dict[str, Callable[[], str]] = {
@@ -215,7 +206,7 @@ VALUES: dict[str, Callable[[], str]] = {
     "events.high": lambda: f"{max(_others()):.2f}",
     "events.healthy": lambda: _together(_events(), "healthy_named"),
     "events.healthy_interval": lambda: interval(
-        _share(_events(), "healthy_named"), "healthy_named"
+        pooled(_events(), "healthy_named"), "healthy_named"
     ),
     "events.most_healthy": _most_healthy,
     "arm.ratio": lambda: f"{_worst('arm_events'):.2f}",
